@@ -39,6 +39,7 @@ class BoundObject:
         velocity: pixels a second, to the right and down.
         first_seen, last_seen: seconds since the first frame.
         track: number of the track that follows it.
+        number: among the objects of a run, from 1 in the order in which they appeared; None before it is known.
         heading: sum of the directions it was seen to move in, to the right and down, as unit vectors.
         fields: number of receptive fields that show it at its latest sighting.
         path: time, column and row of every sighting, where they are kept.
@@ -59,6 +60,7 @@ class BoundObject:
     path: tuple[tuple[float, float, float], ...] = ()
     shade: str | None = None
     boxes: tuple[tuple[float, float, float, float], ...] = ()
+    number: int | None = None
 
     @property
     def box(self) -> tuple[float, float, float, float] | None:

@@ -16,7 +16,7 @@ from ndtorch.run.arguments import choices
 from ndtorch.run.options import BindJob
 
 if TYPE_CHECKING:
-    from ndtorch.report.films import EnhancedVideo, MaskFilm, Overlay
+    from ndtorch.report.films import EnhancedVideo, Overlay
     from ndtorch.run.opening import Prepared
 
 MOVED = {"on": "--model foreground", "off": "--model published"}
@@ -52,7 +52,7 @@ class Bind(BindJob):
     rrd: Path | None = None
     """Also write a recording for the rerun viewer."""
     mask: bool = False
-    """Also write mask.mp4, white where an object is: of the model foreground, frame by frame."""
+    """Also write mask.mp4 of the model foreground: white where an object is, a frame for every frame of the source."""
     front_end: str | None = None
     """What it was is now --model: foreground (on) or published (off)."""
 
@@ -63,6 +63,9 @@ class Bind(BindJob):
         import torch
 
         from ndtorch.report.films import RunRecording
+        from ndtorch.report.gallery import Gallery
+        from ndtorch.report.mask_store import MaskStore
+        from ndtorch.report.no_objects import advice
         from ndtorch.report.page import NAME, folder_name, open_in_browser, write_result
         from ndtorch.report.recording import why_not_whole
         from ndtorch.report.timeline import TimelineFile
@@ -86,12 +89,14 @@ class Bind(BindJob):
         folder = RunFolder(self.out / folder_name(source.name), self.force)
         if not self.json:
             print(f"model  {prepared.chosen}", flush=True)
+        tracks = prepared.model.tracks
+        masks, gallery = (MaskStore(), Gallery()) if tracks else (None, None)
         try:
             film = self.film(prepared, folder.work)
             recording = None if self.rrd is None else RunRecording(self.rrd)
-            mask = self.mask_film(prepared, folder.work)
-            timeline = TimelineFile(folder.work / "timeline.jsonl", source.size) if prepared.model.tracks else None
-            watchers: list[Watcher] = [one for one in (film, recording, mask, timeline) if one is not None]
+            timeline = TimelineFile(folder.work / "timeline.jsonl", source.size) if tracks else None
+            watching = (film, recording, masks, timeline, gallery)
+            watchers: list[Watcher] = [one for one in watching if one is not None]
             total = None if source.length is None else source.length - prepared.start
             tell_if_long(total)
             with progress_bar(total, self.json, unit=" frames", leave=False, mininterval=0.5) as bar:
@@ -109,17 +114,20 @@ class Bind(BindJob):
                     report,
                     self.device,
                 )
+            if masks is not None and gallery is not None:
+                result.advice = advice(result, gallery, masks)
             if film is not None:
                 film.close()
-            if mask is not None:
-                mask.close()
             if recording is not None:
                 recording.finish(in_words(result))
-            trouble = write_result(result, prepared.about, folder.work, prepared.chosen)
+            trouble = write_result(result, prepared.about, folder.work, prepared.chosen, self.mask, gallery)
             trouble = trouble or (None if timeline is None else timeline.trouble)
         except BaseException:
             folder.discard()
             raise
+        finally:
+            if masks is not None:
+                masks.close()
         files = folder.publish(whole=not result.interrupted)
         if self.json:
             print(json.dumps(summary(result), ensure_ascii=False))
@@ -133,15 +141,9 @@ class Bind(BindJob):
             print(f"error: figures cannot be written: {trouble.strerror or trouble}", file=sys.stderr)
         elif self.open:
             open_in_browser(folder.final / NAME)
-        return INTERRUPTED if result.interrupted else 0 if trouble is None and half is None else INCOMPLETE
-
-    def mask_film(self, prepared: Prepared, folder: Path) -> MaskFilm | None:
-        """What is written of the masks, if that was asked for."""
-        from ndtorch.report.films import MaskFilm
-
-        if not self.mask:
-            return None
-        return MaskFilm(folder / "mask.mp4", 1 / prepared.model.dt, prepared.source.size)
+        if result.interrupted:
+            return INTERRUPTED
+        return 0 if trouble is None and half is None and not result.silent else INCOMPLETE
 
     def film(self, prepared: Prepared, folder: Path) -> EnhancedVideo | Overlay | None:
         """What is written of the pictures: every n-th frame, played at the speed at which it was taken."""
@@ -152,5 +154,5 @@ class Bind(BindJob):
         source = prepared.source
         rate = source.fps / max(1, round(source.fps / self.pictures))
         if prepared.model.tracks:
-            return Overlay(folder / "overlay.mp4", rate, source.size)
+            return Overlay(folder / "overlay.mp4", rate, source.full_size)
         return EnhancedVideo(folder / "enhanced.mp4", rate, source.size)

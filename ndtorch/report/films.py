@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import BoundObject
+from ndtorch.report.exports.source_tracks import SourceTracks
 from ndtorch.report.plots.attention import MOST_GAIN
 from ndtorch.report.plots.layout import GREY_RGB, STYLES, rgb
 from ndtorch.report.recording import Recording
@@ -29,8 +30,6 @@ LIGHT = 3 * 200
 """Sum of red, green and blue of a color that cannot be told from white."""
 HUELESS = {"white": (255, 255, 255), "black": (0, 0, 0)}
 """What is drawn for a thing without a hue; all others are grey."""
-YOUNG = 0.3
-"""Seconds that a thing has to last before it is marked."""
 
 
 class EnhancedVideo(Watcher):
@@ -75,24 +74,22 @@ class Overlay(Watcher):
         self.writer.close()
 
 
-class MaskFilm(Watcher):
-    """mask.mp4: white where an object is, of models with masks; a frame a time step."""
-
-    def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
-        self.size = even(size)
-        self.writer = VideoWriter(path, fps, self.size)
-
-    def signals(self, signals: Any, weights: Tensor) -> None:
-        import cv2
-
-        for mask in signals.mask.cpu().numpy():
-            wide = np.asarray(cv2.resize(mask * np.uint8(255), self.size[::-1], interpolation=cv2.INTER_LINEAR))
-            image = np.where(wide > 127, np.uint8(255), np.uint8(0))
-            self.writer.write(torch.from_numpy(image).expand(3, *self.size))
-
-    def close(self) -> None:
-        """Finish the file."""
-        self.writer.close()
+def write_mask_film(tracks: SourceTracks, path: Path) -> None:
+    """mask.mp4: white where an object is; a frame for every frame of the source, and as large."""
+    if len(tracks.frames) == 0:
+        return
+    size = even(tracks.size)
+    steps = np.diff(tracks.times)
+    rate = 1 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else 25.0
+    writer = VideoWriter(path, rate, size)
+    last = np.searchsorted(tracks.frame, tracks.frames, side="right").tolist()
+    for first, end in zip(np.searchsorted(tracks.frame, tracks.frames).tolist(), last, strict=True):
+        image = np.zeros(tracks.size, np.uint8)
+        for mask in filter(None, map(tracks.mask, range(first, end))):
+            height, width = mask.pixels.shape
+            image[mask.top : mask.top + height, mask.left : mask.left + width][mask.pixels] = 255
+        writer.write(torch.from_numpy(image[: size[0], : size[1]]).expand(3, *size))
+    writer.close()
 
 
 class RunRecording(Watcher):
@@ -134,14 +131,15 @@ def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
 
     image = np.ascontiguousarray(frame).copy()
     for thing in things:
-        if thing.place is None or (thing.last_seen or 0.0) - (thing.first_seen or 0.0) < YOUNG:
+        if thing.place is None:
             continue
         color = rgb(thing.color) if thing.color in STYLES else HUELESS.get(thing.color, GREY_RGB)
-        label = thing.color if thing.track is None else f"{mark_of(thing)} {thing.color}"
+        label = f"{mark_of(thing)} {thing.color}".strip()
         column, row = (round(side) for side in thing.place)
         if thing.box is not None:
             corners = [(round(thing.box[0]), round(thing.box[1])), (round(thing.box[2]), round(thing.box[3]))]
-            for ink, width in ((rim(color), 3), (color, 1)):
+            pen = max(1, round(len(image) / 500))
+            for ink, width in ((rim(color), 3 * pen), (color, pen)):
                 cv2.rectangle(image, corners[0], corners[1], ink, width, cv2.LINE_AA)
             lettered(image, label, corners[0][0], corners[0][1] - 4, color)
             continue
@@ -158,7 +156,7 @@ def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
 
 def mark_of(thing: BoundObject) -> str:
     """The number of an object that is followed, as in the table."""
-    return "" if thing.track is None else f"#{thing.track + 1}"
+    return "" if thing.number is None else f"#{thing.number}"
 
 
 def rim(color: tuple[int, int, int]) -> tuple[int, int, int]:

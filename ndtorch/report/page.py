@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ndtorch.binding import BoundObject, save_state
-from ndtorch.report.exports import write_exports
+from ndtorch.report.exports import source_tracks, write_exports
+from ndtorch.report.films import marked, write_mask_film
+from ndtorch.report.gallery import Gallery, contact_sheet, shrunk, write_jpeg
 from ndtorch.report.plots import draw_all
 from ndtorch.report.timeline import draw_timeline
 from ndtorch.report.words import NOTHING_LEARNED, VERDICTS, numbered, summary, words
@@ -23,11 +25,14 @@ from ndtorch.run.result import RunResult
 from ndtorch.utils.files import write_text
 from ndtorch.vision import FEATURES
 
-KINDS = {".png": "image/png", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
+KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
 """What is embedded, by suffix."""
 
 LARGEST = 24_000_000
 """Bytes of a film that is embedded; a larger one stays beside the page, and the page links it."""
+
+POSTER_SIDE = 1280
+"""Longest side of the poster, pixels."""
 
 NAME = "report.html"
 
@@ -147,6 +152,8 @@ def open_in_browser(page: Path) -> None:
 
 
 SHOWN = (
+    ("poster.jpg", "The objects", "The picture in which most of them are in view."),
+    ("objects.jpg", "Each object", "Where it was seen largest, over its number."),
     ("overlay.mp4", "The video, objects marked", "A circle or box in its color, its number, its color in "
      "words, an arrow where it moves, and the clock. What was in sight for a moment has a number, but is no object."),
     ("timeline.png", "Objects over time", "Above: a lane an object, thick while it is in sight. Below: where it went."),
@@ -174,6 +181,7 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
     """
     count = len(result.objects)
     found = [f"{count} object{'s' * (count != 1)} found." if count else "No objects found."]
+    found += [f"{line[0].upper()}{line[1:]}." for line in result.advice]
     found += [f"Object {number}: {words(thing).strip()}." for number, thing in numbered(result.objects)]
     if result.table is not None:
         untaught = result.verdict == "learning" and not result.objects
@@ -208,7 +216,24 @@ def folder_name(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", stem).strip("-.") or "run"
 
 
-def write_result(result: RunResult, about: Mapping[str, Any], folder: Path, chosen: str) -> OSError | None:
+def write_gallery(gallery: Gallery, folder: Path) -> None:
+    """Write poster.jpg and objects.jpg."""
+    sheet = contact_sheet(gallery.crops)
+    if sheet is not None:
+        write_jpeg(sheet, folder / "objects.jpg")
+    if gallery.poster is not None:
+        frame, things = gallery.poster
+        write_jpeg(shrunk(marked(frame, things), POSTER_SIDE), folder / "poster.jpg")
+
+
+def write_result(
+    result: RunResult,
+    about: Mapping[str, Any],
+    folder: Path,
+    chosen: str,
+    mask: bool = False,
+    gallery: Gallery | None = None,
+) -> OSError | None:
     """Write objects.json and state.safetensors, the figures (of owners, or of tracks over time) and report.html.
 
     Args:
@@ -216,6 +241,8 @@ def write_result(result: RunResult, about: Mapping[str, Any], folder: Path, chos
         about: what is needed to go on later, kept with the state.
         folder: where to write, and where its film is.
         chosen: the model's name, and why it was taken.
+        mask: write mask.mp4 too.
+        gallery: pictures of the run, of models with tracks.
 
     Returns:
         Why there are no figures, where they could not be written: on a full disk the state has to come first.
@@ -230,8 +257,13 @@ def write_result(result: RunResult, about: Mapping[str, Any], folder: Path, chos
     before = set(folder.iterdir())
     try:
         if result.table is None:
-            write_exports(result, folder)
-            draw_timeline(result, folder / "timeline.png")
+            tracks = source_tracks(result)
+            write_exports(result, folder, tracks)
+            if mask:
+                write_mask_film(tracks, folder / "mask.mp4")
+            draw_timeline(result, folder / "timeline.png", None if gallery is None else gallery.ground())
+            if gallery is not None:
+                write_gallery(gallery, folder)
         else:
             draw_all(result, folder)
         write_run_page(result, folder, chosen)

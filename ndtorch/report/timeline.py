@@ -14,7 +14,7 @@ from ndtorch.binding import BoundObject
 from ndtorch.report.plots.layout import GREY, STYLES
 from ndtorch.report.words import numbered, record
 from ndtorch.run.result import RunResult
-from ndtorch.run.watchers import Watcher
+from ndtorch.run.watchers import Pixels, Watcher
 
 Floats = npt.NDArray[np.float64]
 
@@ -52,11 +52,19 @@ def color_of(thing: BoundObject) -> str:
     return STYLES[thing.color].color if thing.color in STYLES else GREY
 
 
-def draw_timeline(result: RunResult, path: Path) -> Path:
-    """timeline.png: a lane an object in its color, arrows for where it moves, and all paths in the picture."""
-    from matplotlib.figure import Figure
+def draw_timeline(result: RunResult, path: Path, ground: Pixels | None = None) -> Path:
+    """timeline.png: a lane an object in its color, arrows for where it moves, and all paths in the picture.
 
-    count, aspect = len(result.objects), result.size[1] / result.size[0]
+    Args:
+        result: of a run.
+        path: the file.
+        ground: a picture without the objects, `[H, W, 3]`, to draw the paths on.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.patheffects import withStroke
+
+    height, width = result.full_size
+    count, aspect = len(result.objects), width / height
     # Of a run that was resumed, everything from its very first frame on.
     end = max([result.simulated_seconds, *result.outputs.times[-1:]])
     # Both parts are as wide as the figure: paths can be followed, and lanes can be read on a phone.
@@ -65,15 +73,15 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
     lanes, picture = figure.subplots(2, 1, height_ratios=[above, below])
     for lane, (number, thing) in enumerate(numbered(result.objects)):
         color = color_of(thing)
-        times, columns, rows = sightings(thing, result.size)
+        times, columns, rows = sightings(thing, result)
         # Out of sight: a thin line; in sight: a thick one.
         lanes.plot([times[0], times[-1]], [lane, lane], color=color, lw=1.5)
         for part in np.split(times, np.nonzero(np.diff(times) > 0.3)[0] + 1):
             lanes.plot([part[0], part[-1]], [lane, lane], color=color, lw=13, solid_capstyle="butt")
-        for time, down, right in arrows(times, columns, rows, max(0.5, end / 40)):
+        for time, down, right in arrows(times, columns / height, rows / height, max(0.5, end / 40)):
             turn = math.degrees(math.atan2(-down, right))
             lanes.text(time, lane, "→", rotation=turn, color="white", ha="center", va="center", fontsize=11)
-        picture.plot(columns, rows, color=color, lw=2)
+        picture.plot(columns, rows, color=color, lw=2, path_effects=[withStroke(linewidth=4, foreground="white")])
         k = max(0, len(rows) - max(2, len(rows) // 6))
         picture.annotate(
             "",
@@ -83,7 +91,8 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
         )
         picture.plot(columns[0], rows[0], "o", color=color, ms=5)
         side = -1 if lane % 2 else 1  # objects that come one after the other often come in at one place
-        place = (min(max(float(columns[0]) - 0.015 * side, 0.04), aspect - 0.04), max(float(rows[0]) - 0.015, 0.07))
+        gap, edge = 0.015 * height, 0.04 * height
+        place = (min(max(float(columns[0]) - gap * side, edge), width - edge), max(float(rows[0]) - gap, 0.07 * height))
         picture.annotate(
             str(number),
             place,
@@ -105,19 +114,23 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
     if not count:
         lanes.text(0.5, 0.5, "nothing moved", transform=lanes.transAxes, ha="center", color="0.4")
     lanes.spines[["top", "right"]].set_visible(False)
-    picture.set(xlim=(0, aspect), ylim=(1, 0), aspect="equal")
-    picture.set(xlabel="to the right (heights of the picture)", ylabel="down (heights of the picture)")
+    if ground is not None:
+        picture.imshow(ground, extent=(0, width, height, 0), alpha=0.75)
+    picture.set(xlim=(0, width), ylim=(height, 0), aspect="equal")
+    picture.set(xlabel="column (pixels of the source)", ylabel="row (pixels)")
     picture.set_title("where, in the picture: the number stands where it was first seen", loc="left", fontsize=11)
-    picture.grid(color="0.93", lw=0.6)
+    if ground is None:
+        picture.grid(color="0.93", lw=0.6)
     figure.savefig(path)
     return path
 
 
-def sightings(thing: BoundObject, size: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
-    """Times of an object's sightings, and its columns and rows there in heights of the picture, `[n]` each."""
+def sightings(thing: BoundObject, result: RunResult) -> tuple[Floats, Floats, Floats]:
+    """Times of an object's sightings, and its columns and rows there in pixels of the source, `[n]` each."""
     assert thing.place is not None
     points = np.array(thing.path or [(thing.last_seen or 0.0, *thing.place)])
-    return points[:, 0], points[:, 1] / size[0], points[:, 2] / size[0]
+    places = result.pixel_map.points(points[:, 1:])
+    return points[:, 0], places[:, 0], places[:, 1]
 
 
 def arrows(times: Floats, columns: Floats, rows: Floats, every: float) -> list[tuple[float, float, float]]:

@@ -31,6 +31,7 @@ def summary(result: RunResult) -> dict[str, Any]:
         "source": result.source,
         "model": result.model,
         "objects": [record(number, thing, result.size) for number, thing in numbered(result.objects)],
+        "advice": list(result.advice),
         "cuts": [round(time, 3) for time in result.cuts],
         "verdict": result.verdict,
         "max_weight": float(weights.max()),
@@ -43,11 +44,8 @@ def summary(result: RunResult) -> dict[str, Any]:
 
 
 def numbered(things: Sequence[BoundObject]) -> list[tuple[int, BoundObject]]:
-    """The objects with their numbers: that of the track, which the overlay shows too, or the place in the list.
-
-    Numbers of tracks have gaps, because not all that was followed for a moment became an object.
-    """
-    return [(place if thing.track is None else thing.track + 1, thing) for place, thing in enumerate(things, 1)]
+    """The objects with their numbers, from 1 in the order in which they appeared, which the overlay shows too."""
+    return [(place if thing.number is None else thing.number, thing) for place, thing in enumerate(things, 1)]
 
 
 def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, Any]:
@@ -87,6 +85,7 @@ def in_words(result: RunResult) -> str:
         lines.append(f"{result.earlier} earlier objects are in timeline.jsonl alone")
     if not result.objects:
         lines.append("no objects")
+    lines += [f"note: {line}" for line in result.advice]
     if result.table is not None:
         if result.objects:
             lines += ["", *table(result.objects)]

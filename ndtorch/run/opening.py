@@ -29,7 +29,8 @@ from ndtorch.run.options import (
     given,
 )
 from ndtorch.scenes import SCENES, FrameSource, make_scene
-from ndtorch.scenes.video import Fit, open_video
+from ndtorch.scenes.stamps import SourceFrames
+from ndtorch.scenes.video import Fit, VideoSource, open_video
 from ndtorch.utils.toml import Strict, check
 
 STATE = "state.safetensors"
@@ -67,6 +68,8 @@ class KeptRun(Strict):
     fit: Literal["crop", "stretch"] | None = None
     first_stage_radius: float | None = None
     first: int = Field(0, ge=0, le=10**9)
+    every: int | None = Field(None, ge=1, le=10**6)
+    video_fps: float | None = Field(None, ge=1e-3, le=1e6)
 
 
 @dataclass
@@ -114,9 +117,11 @@ def prepare(job: BindJob) -> Prepared:
     start = {
         "scene": given(job, ("phase", "seed", "fps")) if name in SCENES else {},
         "fps": job.fps,
+        "video_fps": job.fps,
         "fit": job.fit,
         "first_stage_radius": job.first_stage_radius,
         "first": job.start or 0,
+        "every": job.every or 1,
         "frames": 0,
     }
     options = {**about.get("options", {}), **given(job, MODEL_OPTIONS)}
@@ -129,6 +134,7 @@ def prepare(job: BindJob) -> Prepared:
         source, first = open_scene(job, about, model.settle), about["frames"]
     else:
         source = open_place(job, about, CAMERA_MODELS.get(kind))
+        first = 0 if is_live(name) else about["frames"]
         model = make_model(about, source.size, source.fps, "reflect")
     about["fps"] = source.fps
     state = None
@@ -197,14 +203,15 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
     if not is_live(name) and not Path(name).exists():
         raise InputError(f"video {name} does not exist{source_meant(name)}")
     # What a camera showed before is gone: it goes on where it is.
-    first = None if is_live(name) and about["frames"] else about["first"] + about["frames"] or None
-    if rows is None:
-        size, fit = (500, 500), cast("Fit", about["fit"] or "crop")
-    else:
-        size, fit = (rows, rows), "reduce"
-    video = open_video(name, size, about["fps"], first, job.stop, fit, job.follow_redirects)
-    seconds = job.seconds if job.seconds is not None else (None if video.length is not None else CAMERA_SECONDS)
-    return video if seconds is None else Limited(video, seconds)
+    live = is_live(name)
+    first, begin = (None, 0) if live and about["frames"] else (about["first"] or None, about["frames"])
+    size, fit = ((500, 500), cast("Fit", about["fit"] or "crop")) if rows is None else ((rows, rows), "reduce")
+    every, fps = about["every"] or 1, about["video_fps"]
+    if live and about["frames"]:
+        fps = about["fps"] * every  # the model was made for the rate that was measured then
+    video = open_video(name, size, fps, first, job.stop, fit, job.follow_redirects, every)
+    seconds = job.seconds if job.seconds is not None else (CAMERA_SECONDS if live and job.stop is None else None)
+    return video if seconds is None else Limited(video, seconds, begin)
 
 
 def source_meant(name: str) -> str:
@@ -225,25 +232,38 @@ def is_known_place(name: str) -> bool:
 
 
 class Limited(FrameSource):
-    """The first seconds of another source."""
+    """The first seconds of a video, from frame number `begin` on."""
 
-    def __init__(self, source: FrameSource, seconds: float) -> None:
+    def __init__(self, source: VideoSource, seconds: float, begin: int = 0) -> None:
         self.source = source
-        self.name, self.fps, self.size = source.name, source.fps, source.size
-        frames = max(1, round(seconds * source.fps))
+        self.name, self.fps, self.size, self.pixel_map = source.name, source.fps, source.size, source.pixel_map
+        frames = begin + max(1, round(seconds * source.fps))
         self.length = frames if source.length is None else min(frames, source.length)
 
-    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
-        return self._first(self.source.chunks(frames, start))
+    @property
+    def full_size(self) -> tuple[int, int]:
+        return self.source.full_size
 
-    def _first(self, chunks: Iterator[Tensor]) -> Iterator[Tensor]:
-        left = self.length
-        assert left is not None
+    @property
+    def decoded(self) -> SourceFrames:
+        return self.source.decoded
+
+    def latest(self) -> Any:
+        return self.source.latest()
+
+    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        return self._first(self.source.chunks(frames, start), start)
+
+    def _first(self, chunks: Iterator[Tensor], start: int) -> Iterator[Tensor]:
+        assert self.length is not None
+        left = self.length - start
         for chunk in chunks:
             yield chunk[:left]
             left -= len(chunk)
             if left <= 0:
                 return
+            self.cuts = self.source.cuts
+        self.cuts, self.silent = self.source.cuts, self.source.silent
 
 
 def check_device(name: str) -> torch.device:

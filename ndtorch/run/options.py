@@ -45,6 +45,8 @@ class BindJob:
     """Videos: number of the first frame to use."""
     stop: int | None = None
     """Videos: number of the frame to stop before."""
+    every: int | None = None
+    """Videos: use the first of so many frames, where the model is too slow for all."""
     fit: str | None = None
     """Videos: crop to the middle square (default) or stretch. The model foreground takes the whole picture."""
     follow_redirects: bool = False
@@ -70,7 +72,7 @@ KNOWN_BY: dict[str, tuple[str, ...]] = {
 MODEL_OPTIONS = ("rule", "order", "gamma", "settle")
 """Options that go into the model's own constants."""
 
-FIXED_BY_RESUME = ("phase", "order", "first_stage_radius", "settle", "seed", "fps", "start", "fit")
+FIXED_BY_RESUME = ("phase", "order", "first_stage_radius", "settle", "seed", "fps", "start", "every", "fit")
 """Options that cannot change when a run is resumed."""
 
 MOVED_RULE = "scale-free"

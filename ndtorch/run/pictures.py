@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+import dataclasses
 import queue
 import threading
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.binding import Attention, ObjectTable
+from ndtorch.binding import Attention, BoundObject, ObjectTable
 from ndtorch.run.result import Moment
 from ndtorch.run.watchers import Picture, Pixels, Watcher
+from ndtorch.scenes.base import SAME_PIXELS, PixelMap
 from ndtorch.vision import FilterState
 from ndtorch.vision.frames import as_float, check_frames
 
+YOUNG_S = 0.3
+"""Seconds that an object has to last before it is marked."""
 MOMENT_SECONDS = 3.0
 """A moment is kept for this long before a less clear but more recent one may take its place."""
 
 
 class Glimpse(NamedTuple):
     """What a picture is made from: time of the model's latest step, a frame `[3, H, W]`, signals and state right after
-    it, and the table of objects, None of models with tracks.
+    it, the table of objects, None of models with tracks, and the frame as large as the source has it.
     """
 
     time: float
@@ -31,6 +36,7 @@ class Glimpse(NamedTuple):
     signals: Any
     state: Any
     table: ObjectTable | None
+    large: Pixels | None = None
 
 
 class PictureMaker:
@@ -43,10 +49,15 @@ class PictureMaker:
         model: whose objects to show; with a table of owners, its feature images make the enhanced image.
         dt: seconds between pictures.
         watchers: who gets the pictures.
+        pixel_map: from pixels of the frames to those of the source.
     """
 
-    def __init__(self, model: Any, dt: float, watchers: Sequence[Watcher] = ()) -> None:
-        self.model, self.watchers = model, watchers
+    def __init__(
+        self, model: Any, dt: float, watchers: Sequence[Watcher] = (), pixel_map: PixelMap = SAME_PIXELS
+    ) -> None:
+        self.model, self.watchers, self.pixel_map = model, watchers, pixel_map
+        self.numbers: dict[int | None, int] = {}
+        self._lock = threading.Lock()
         self.attention = None if model.tracks else Attention(dt, model.config.normalise.tau_sums)
         self.moments: dict[int, Moment] = {}
         self._state: FilterState | None = None
@@ -86,8 +97,26 @@ class PictureMaker:
 
     def _tracked(self, glimpse: Glimpse) -> Picture:
         """The frame and the objects in sight."""
-        things = self.model.visible_objects(glimpse.state)
-        return Picture(glimpse.time, to_pixels(shown(glimpse.frame)), objects=tuple(things))
+        seen = [one for one in self.model.visible_objects(glimpse.state) if one.last_seen - one.first_seen >= YOUNG_S]
+        things = [moved(one, self.pixel_map) for one in self.numbered(seen)]
+        frame = to_pixels(shown(glimpse.frame)) if glimpse.large is None else glimpse.large
+        return Picture(glimpse.time, frame, objects=tuple(things))
+
+    def appeared(self, signals: Any) -> None:
+        """Number the tracks that are objects for the first time in a chunk, of models whose signals show them."""
+        if hasattr(signals, "mask") and len(signals.time):
+            found = np.unique(signals.labels.numpy()[signals.mask.numpy() > 0])
+            with self._lock:
+                for label in found.tolist():
+                    self.numbers.setdefault(label - 1, len(self.numbers) + 1)
+
+    def numbered(self, things: Sequence[BoundObject]) -> list[BoundObject]:
+        """The objects with their numbers, in the order of these; who has none yet gets the next, by time of birth."""
+        with self._lock:
+            for one in sorted(things, key=lambda thing: (thing.first_seen or 0.0, thing.track or 0)):
+                self.numbers.setdefault(one.track, len(self.numbers) + 1)
+        own = [dataclasses.replace(one, number=self.numbers[one.track]) for one in things]
+        return sorted(own, key=lambda one: one.number or 0)
 
     def _enhanced(self, glimpse: Glimpse) -> Picture:
         assert self.attention is not None
@@ -112,6 +141,13 @@ class PictureMaker:
         if kept is None or margin >= kept.margin or picture.time - kept.time > MOMENT_SECONDS:
             moment = Moment(picture.time, picture.winner, margin, picture.frame, picture.enhanced)
             self.moments[picture.winner] = moment
+
+
+def moved(thing: BoundObject, to: PixelMap) -> BoundObject:
+    """An object with its latest place and box in pixels of the source."""
+    place = None if thing.place is None else tuple(to.points(thing.place).tolist())
+    boxes = () if thing.box is None else (tuple(to.points(thing.box).tolist()),)
+    return dataclasses.replace(thing, place=place, boxes=boxes)
 
 
 def shown(frame: Tensor) -> Tensor:

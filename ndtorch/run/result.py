@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +12,8 @@ from torch import Tensor
 
 from ndtorch.binding import BindingModel, BoundObject, ObjectTable, Verdict
 from ndtorch.run.watchers import Pixels, Watcher
+from ndtorch.scenes.base import SAME_PIXELS, PixelMap
+from ndtorch.scenes.stamps import SourceFrames
 
 Floats = npt.NDArray[np.float32]
 
@@ -26,10 +28,16 @@ class ClosedObjects:
     Args:
         model: whose states they are taken from.
         watchers: who gets them at once.
+        numbered: gives objects their numbers.
     """
 
-    def __init__(self, model: BindingModel, watchers: Sequence[Watcher]) -> None:
-        self.model, self.watchers, self.earlier = model, watchers, 0
+    def __init__(
+        self,
+        model: BindingModel,
+        watchers: Sequence[Watcher],
+        numbered: Callable[[Sequence[BoundObject]], list[BoundObject]],
+    ) -> None:
+        self.model, self.watchers, self.numbered, self.earlier = model, watchers, numbered, 0
         self.tables: list[Any] = []
         self.detections = 0
 
@@ -48,6 +56,7 @@ class ClosedObjects:
 
     def tell(self, things: Sequence[BoundObject]) -> None:
         """Hand objects to the watchers."""
+        things = self.numbered(things) if self.model.tracks else things
         for watcher in self.watchers:
             watcher.objects(things)
 
@@ -135,6 +144,15 @@ class RunResult:
         interrupted: whether Ctrl-C ended the run early.
         cuts: when a new scene began, seconds; of models that notice.
         earlier: how many parts of objects the run did not keep because it was long; watchers got them.
+        full_size: height and width of the frames of the source, which it may have made smaller.
+        pixel_map: from the pixels of objects to those.
+        fps: frames a second that the model got.
+        step_frames: frames from one step of the model to the next.
+        first_frame: frames that an earlier run had, which this one went on from.
+        source_frames: the frames of the source and when they were delivered; None where every frame is one of it.
+        masks: of tracks, of models that have them.
+        silent: why a camera or stream ended by itself.
+        advice: why nothing was found, or that the camera moves, and what can be done, a line each.
     """
 
     source: str
@@ -155,6 +173,20 @@ class RunResult:
     interrupted: bool = False
     cuts: tuple[float, ...] = ()
     earlier: int = 0
+    full_size: tuple[int, int] = (1, 1)
+    pixel_map: PixelMap = SAME_PIXELS
+    fps: float = 1.0
+    step_frames: float = 1.0
+    first_frame: int = 0
+    source_frames: SourceFrames | None = None
+    masks: Any = None
+    silent: str = ""
+    advice: tuple[str, ...] = ()
+
+    @property
+    def has_boxes(self) -> bool:
+        """Whether its objects have boxes."""
+        return any(thing.boxes for thing in self.objects)
 
 
 def over_fields(outputs: Tensor) -> Tensor:

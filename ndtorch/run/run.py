@@ -57,8 +57,10 @@ def run_model(
     outputs, weights = Trace((10,)), Trace((10, 10))
     cuts: list[float] = []
     frames_seen, now, interrupted, diverged, fresh = 0, 0.0, False, False, state is None
-    closed = ClosedObjects(model, watchers)
-    maker = PictureMaker(model, every / source.fps, watchers)
+    maker = PictureMaker(model, every / source.fps, watchers, source.pixel_map)
+    closed = ClosedObjects(model, watchers, maker.numbered)
+    if model.tracks and state is not None:
+        maker.numbered(model.objects(state))
     began = time.perf_counter()
     try:
         with torch.inference_mode(), maker:
@@ -69,6 +71,7 @@ def run_model(
                 if state is not None and not torch.isfinite(signals.outputs).all():
                     diverged = True
                     break
+                maker.appeared(signals)
                 state = closed.take(after)
                 frames_seen += len(frames)
                 now = float(signals.time[-1]) if len(signals.time) else now
@@ -81,7 +84,8 @@ def run_model(
                 due = pictures_per_second > 0 and frames_seen % every == 0
                 if due and (model.tracks or len(signals.time) > 0):
                     table = None if model.tracks else model.table(state)
-                    maker.look(Glimpse(now, frames[-1].clone(), signals, state, table))
+                    large = source.latest() if model.tracks else None
+                    maker.look(Glimpse(now, frames[-1].clone(), signals, state, table, large))
                 if report is not None:
                     report(len(frames))
                 if frames_seen // TIDY_FRAMES > (frames_seen - len(frames)) // TIDY_FRAMES:
@@ -101,6 +105,8 @@ def run_model(
         found = [] if diverged else model.objects(state)
         table = None if model.tracks else model.table(state)
         final = one_matrix(model.weights(state)).cpu().float().numpy().astype(np.float32)
+    if model.tracks:
+        found = maker.numbered(found)
     owners = {thing.index for thing in found}
     return RunResult(
         source=source.name,
@@ -119,8 +125,16 @@ def run_model(
         final_weights=final,
         moments={k: moment for k, moment in maker.moments.items() if k in owners},
         interrupted=interrupted,
-        cuts=tuple(apart(cuts)),
         earlier=closed.earlier,
+        cuts=tuple(apart(sorted([*cuts, *source.cuts]))),
+        full_size=source.full_size,
+        pixel_map=source.pixel_map,
+        fps=source.fps,
+        step_frames=model.dt * source.fps,
+        first_frame=start,
+        source_frames=source.decoded,
+        masks=next((watcher for watcher in watchers if hasattr(watcher, "find")), None),
+        silent=source.silent,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
@@ -11,6 +12,29 @@ from torch import Tensor
 
 from ndtorch.arguments import is_finite, is_whole
 from ndtorch.errors import InputError
+
+if TYPE_CHECKING:
+    from ndtorch.scenes.stamps import SourceFrames
+
+
+class PixelMap(NamedTuple):
+    """From pixels of the frames that a source delivers to pixels of its own frames: `scale * x + left`."""
+
+    scale_x: float = 1.0
+    scale_y: float = 1.0
+    left: float = 0.0
+    top: float = 0.0
+
+    def points(self, places: Any) -> Any:
+        """Places `[N, 2 k]`, columns and rows in turn."""
+        pairs = np.asarray(places, np.float64)
+        turns = pairs.shape[-1] // 2
+        scale, first = [self.scale_x, self.scale_y] * turns, [self.left, self.top] * turns
+        return pairs * scale + first
+
+
+SAME_PIXELS = PixelMap()
+"""Of a source that delivers its frames as they are."""
 
 
 class FrameSource(ABC):
@@ -21,12 +45,32 @@ class FrameSource(ABC):
         fps: frames per second.
         size: height and width of a frame in pixels.
         length: number of frames, or None where nobody can know (a camera).
+        pixel_map: from pixels of the frames delivered to those of the source's own frames, which a video may shrink.
+        cuts: seconds at which the source itself jumps to another time.
+        silent: why a camera or stream ended; empty while it goes on, and of others.
     """
 
     name: str
     fps: float
     size: tuple[int, int]
     length: int | None
+    pixel_map: PixelMap = SAME_PIXELS
+    cuts: Sequence[float] = ()
+    silent: str = ""
+
+    @property
+    def full_size(self) -> tuple[int, int]:
+        """Height and width of the source's own frames, upright."""
+        return self.size
+
+    @property
+    def decoded(self) -> SourceFrames | None:
+        """The frames of the source that the latest reading decoded; None where every frame is delivered, as it is."""
+        return None
+
+    def latest(self) -> np.ndarray[Any, np.dtype[np.uint8]] | None:
+        """The latest frame delivered, as large as the source has it, `[H, W, 3]` uint8; None where it is not larger."""
+        return None
 
     @abstractmethod
     def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:

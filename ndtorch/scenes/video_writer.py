@@ -22,6 +22,8 @@ from ndtorch.utils.packages import need
 CODECS = {".mp4": "H.264", ".mkv": "FFV1", ".avi": "MJPG"}
 """Codec for each suffix: small and played by every browser, lossless, and editable frame by frame."""
 
+LARGE = 1280 * 720
+"""Pixels of a frame above which H.264 is written quickly, not as small as can be."""
 QUALITY = "20"
 """Of H.264: its constant rate factor, 0 (lossless) to 51."""
 
@@ -44,7 +46,9 @@ class H264:
             self._file: Any = av.open(str(path), "w", options={"movflags": "faststart"})
             rate = Fraction(fps).limit_denominator(1001)
             # One thread: the frames of a run come one at a time, and the other core may be busy.
-            self._stream: Any = self._file.add_stream("libx264", rate=rate, options={"crf": QUALITY, "threads": "1"})
+            preset = "veryfast" if size[0] * size[1] > LARGE else "medium"
+            options = {"crf": QUALITY, "threads": "1", "preset": preset}
+            self._stream: Any = self._file.add_stream("libx264", rate=rate, options=options)
         except (OSError, ValueError) as error:
             raise InputError(f"video {path} cannot be written: {getattr(error, 'strerror', None) or error}") from None
         self._stream.height, self._stream.width = size

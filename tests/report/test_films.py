@@ -57,8 +57,8 @@ def test_films_have_an_even_size_and_every_picture(size: tuple[int, int], tmp_pa
 
 def test_the_overlay_has_number_label_and_clock() -> None:
     frame = np.zeros((120, 160, 3), dtype=np.uint8)
-    plain, numbered = marked(frame, (thing(),)), marked(frame, (thing(track=4),))
-    assert mark_of(thing(track=4)) == "#5"
+    plain, numbered = marked(frame, (thing(),)), marked(frame, (thing(number=5),))
+    assert mark_of(thing(number=5)) == "#5"
     assert (plain != numbered).any()
     clock = clocked(frame, 1.5)
     rows, _ = np.nonzero(clock.max(-1))

@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from ndtorch.binding import BoundObject, Verdict, bound_objects, object_table
-from ndtorch.report.exports import box_rows
 from ndtorch.report.films import mark_of
 from ndtorch.report.words import in_words, summary
 from ndtorch.run.result import RunResult, Trace
@@ -38,12 +37,11 @@ CAR = BoundObject(
 
 
 def test_an_object_has_one_number_in_words_files_and_overlay() -> None:
-    later = replace(CAR, track=10, boxes=((1.0, 2.0, 3.0, 4.0),) * 4)
+    later = replace(CAR, track=10, number=2)
     result = run_of([CAR, later], owners=False)
-    assert "object 11:" in in_words(result)
-    assert [thing["object"] for thing in summary(result)["objects"]] == [1, 11]
-    assert {row[1] for row in box_rows([CAR, later], 10)} == {11}  # the first has no boxes
-    assert mark_of(later) == "#11"
+    assert "object 2:" in in_words(result)
+    assert [thing["object"] for thing in summary(result)["objects"]] == [1, 2]
+    assert mark_of(later) == "#2"
 
 
 def test_an_object_with_a_time_is_told_with_it() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
-from ndtorch.scenes.readers import FolderReader
+from ndtorch.scenes.image_folder import FolderReader
 from ndtorch_robot.cameras.source import Image
 
 Points = np.ndarray[Any, np.dtype[np.float32]]

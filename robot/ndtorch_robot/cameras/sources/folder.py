@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ndtorch.scenes.readers import FolderReader, quiet_opencv
+from ndtorch.scenes.image_folder import FolderReader
+from ndtorch.scenes.readers import quiet_opencv
 from ndtorch_robot.cameras.source import CameraSettings, Capture, Source, camera_source
 
 

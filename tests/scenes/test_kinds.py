@@ -1,0 +1,210 @@
+"""Files as people have them: rates that are claimed, gaps, depth, fields, odd names, hidden files, silent cameras."""
+
+from __future__ import annotations
+
+import http.server
+import logging
+import math
+import threading
+import time
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ndtorch.errors import InputError
+from ndtorch.scenes import live, open_video
+from ndtorch.scenes.levels import is_interlaced
+from tests.scenes.clips import write
+
+SIZE = (96, 160)
+
+
+def picture(number: int) -> np.ndarray:
+    """A square that moves by 8 pixels a frame over a still ground, `[H, W, 3]` uint8."""
+    image = np.random.default_rng(1).integers(90, 110, (*SIZE, 3)).astype(np.uint8)
+    left = 8 * number % (SIZE[1] - 40)
+    image[30:60, left : left + 40] = (220, 40, 40)
+    return image
+
+
+def encode(
+    path: Path, stamps: list[float], claim: int = 25, codec: str = "libx264", container: str | None = None
+) -> Path:
+    """A video with a frame at each stamp, whose stream claims a rate."""
+    av = pytest.importorskip("av")
+    with av.open(str(path), "w", format=container) as file:
+        stream = file.add_stream(codec, rate=claim, options={"bf": "0"})
+        stream.height, stream.width = SIZE
+        stream.pix_fmt = "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for n, stamp in enumerate(stamps):
+            frame = av.VideoFrame.from_ndarray(picture(n), format="rgb24")
+            frame.pts, frame.time_base = round(1000 * stamp), Fraction(1, 1000)
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+    return path
+
+
+def read(video: object) -> int:
+    return sum(len(chunk) for chunk in video.chunks())  # type: ignore[attr-defined]
+
+
+def test_the_rate_is_that_of_the_stamps_not_the_claimed_one(tmp_path: Path) -> None:
+    with open_video(encode(tmp_path / "claim.mkv", [n / 20 for n in range(40)], claim=1000), SIZE) as video:
+        assert video.fps == pytest.approx(20)
+        assert (read(video), video.length) == (40, 40)
+
+
+@pytest.mark.parametrize("jump", [3600.0, 60.0, -2.0])
+def test_a_jump_of_the_stamps_is_a_cut(tmp_path: Path, jump: float) -> None:
+    first = [n / 25 for n in range(50)]
+    for name, begin in (("a.ts", 10.0), ("b.ts", 12.0 + jump)):
+        encode(tmp_path / name, [begin + stamp for stamp in first])
+    (tmp_path / "gap.ts").write_bytes((tmp_path / "a.ts").read_bytes() + (tmp_path / "b.ts").read_bytes())
+    with open_video(tmp_path / "gap.ts", SIZE) as video:
+        assert video.fps == pytest.approx(25)
+        with pytest.warns(UserWarning, match=r"frame 51 is .* (later|earlier) than the one before: taken as a cut"):
+            assert read(video) == 100
+        assert video.cuts == pytest.approx((2.0,))
+        decoded = video.decoded
+        assert decoded.tick.tolist() == list(range(100))
+        assert decoded.stamp[50] - decoded.stamp[49] == pytest.approx(jump + 0.04, abs=0.01)
+
+
+def test_a_film_without_stamps_says_what_rate_is_assumed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = encode(tmp_path / "raw.h264", [n / 25 for n in range(20)], container="h264")
+    with caplog.at_level(logging.INFO), open_video(path, SIZE) as video:
+        assert read(video) == 20
+    assert "raw.h264 has no time stamps: 25 frames a second" in caplog.text
+    assert "--fps changes that" in caplog.text
+
+
+def thermal(number: int) -> np.ndarray:
+    """8000 counts with noise of 3, and a patch of 250 more that moves."""
+    image = 8000 + 3 * np.random.default_rng(number).standard_normal(SIZE)
+    image[30:60, 4 * number : 4 * number + 30] += 250
+    return image.astype(np.uint16)
+
+
+@pytest.mark.parametrize("kind", ["png", "tiff", "pages"])
+def test_more_than_eight_bits_are_stretched(tmp_path: Path, kind: str) -> None:
+    images = [thermal(n) for n in range(12)]
+    if kind == "pages":
+        source = tmp_path / "thermal.tiff"
+        cv2.imwritemulti(str(source), images)
+    else:
+        source = tmp_path
+        for n, image in enumerate(images):
+            cv2.imwrite(str(tmp_path / f"{n}.{kind}"), image)
+    with pytest.warns(UserWarning, match=r"more than eight bits: values \S+ to \S+ are shown as 0 to 255"):
+        video = open_video(source, SIZE)
+    with pytest.warns(UserWarning, match="is grey"):
+        frames = next(iter(video.chunks(12)))
+    assert len(frames) == 12
+    ground, patch = frames[3, 0, 70:].double(), frames[3, 0, 32:58, 14:40].double()
+    assert patch.mean() - ground.mean() > 100
+    assert ground.std() < 4
+
+
+def test_interlaced_pictures_are_known_and_one_field_is_used(tmp_path: Path) -> None:
+    fields = [picture(n).copy() for n in range(24)]
+    woven = [even.copy() for even in fields[::2]]
+    for image, odd in zip(woven, fields[1::2], strict=True):
+        image[1::2] = odd[1::2]
+    for n, image in enumerate(woven):
+        cv2.imwrite(str(tmp_path / f"{n}.png"), image)
+    with pytest.warns(UserWarning, match="is interlaced: one field of every frame is used"):
+        video = open_video(tmp_path, SIZE)
+    frame = next(iter(video.chunks(4)))[3].permute(1, 2, 0).numpy()[..., ::-1]
+    assert np.abs(frame[32:58].astype(int) - fields[6][32:58]).mean() < 8
+    assert not is_interlaced(list(pairwise(fields)))
+
+
+@pytest.mark.parametrize("name", ["2024-05-01T12:30:00.mp4", "a b%d#?.mp4", "-x.mp4"])
+def test_odd_names_are_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    write(tmp_path / "plain.mp4").rename(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    assert read(open_video(name)) == 20
+
+
+def test_reasons_are_the_reasons(tmp_path: Path) -> None:
+    whole = write(tmp_path / "clip.mp4").read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[:24] + b"\0\0\0\x08free" + bytes(200))
+    (tmp_path / "._clip.mp4").write_bytes(b"\0\5\x16\7" + bytes(60))
+    cv2.imwrite(str(tmp_path / "one.tif"), picture(0))
+    (tmp_path / "gone.mp4").symlink_to(tmp_path / "nowhere.mp4")
+    (tmp_path / "films").mkdir()
+    write(tmp_path / "films" / "a.mp4")
+    for name, words in {
+        "cut.mp4": "its index, moov, is missing",
+        "._clip.mp4": "macOS",
+        "one.tif": "one image: a video, a folder of images",
+        "gone.mp4": "link to a file that is not there",
+        "films": r"holds 1 video: name one of them, as a\.mp4",
+    }.items():
+        with pytest.raises(InputError, match=words):
+            open_video(tmp_path / name)
+
+
+def test_hidden_files_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    for n in range(3):
+        cv2.imwrite(str(tmp_path / f"{n}.png"), picture(n))
+        (tmp_path / f"._{n}.png").write_bytes(b"\0\5\x16\7" + bytes(60))
+    (tmp_path / ".DS_Store").write_bytes(b"x")
+    (tmp_path / "Thumbs.db").write_bytes(b"x")
+    with caplog.at_level(logging.INFO), open_video(tmp_path, SIZE) as video:
+        assert read(video) == 3
+        assert list(video.decoded.names) == ["0.png", "1.png", "2.png"]
+    assert "5 hidden files are left out" in caplog.text
+    assert "an assumed 30 a second" in caplog.text
+
+
+def test_every_nth_frame_keeps_the_numbers_of_the_source(tmp_path: Path) -> None:
+    with open_video(write(tmp_path / "clip.mp4"), SIZE, start=2, every=4) as video:
+        assert (video.fps, video.length, read(video)) == (6.25, 5, 5)
+        ticks = video.decoded.tick
+        assert math.isnan(ticks[1])
+        assert ticks[[2, 6, 10]].tolist() == [0, 1, 2]
+
+
+class Camera(http.server.BaseHTTPRequestHandler):
+    """Sends JPEG pictures, 30 a second for two seconds, and then keeps the line open."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        began = time.monotonic()
+        try:
+            for n in range(60):
+                data = cv2.imencode(".jpg", picture(n))[1].tobytes()
+                self.wfile.write(b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(data))
+                self.wfile.write(data + b"\r\n")
+                time.sleep(max(0.0, began + (n + 1) / 30 - time.monotonic()))
+            time.sleep(4)
+        except OSError:
+            pass
+
+    def log_message(self, *_: object) -> None:
+        """Nothing."""
+
+
+def test_a_camera_that_falls_silent_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "SILENCE_S", 1.0)
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Camera)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        with open_video(f"http://127.0.0.1:{server.server_port}/video.mjpg", SIZE) as video:
+            with pytest.warns(UserWarning, match=r"ended after \d+ frames: it sent nothing for"):
+                frames = read(video)
+            assert 55 <= frames <= 60
+            stamps = video.decoded.stamp
+            assert (len(stamps) - 1) / (stamps[-1] - stamps[0]) == pytest.approx(video.fps, rel=0.25)
+            assert video.silent
+    finally:
+        server.shutdown()
+        server.server_close()
