@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import string
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,15 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BLUE, ORANGE, GREEN, PURPLE, SKY, YELLOW, BLACK = (
-    "#0072b2",
-    "#d55e00",
-    "#009e73",
-    "#cc79a7",
-    "#56b4e9",
-    "#e69f00",
-    "#222222",
-)
+BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
+SKY, YELLOW, BLACK = "#56b4e9", "#e69f00", "#222222"
 """The color-blind safe palette of Okabe and Ito."""
 PALETTE = (BLUE, YELLOW, GREEN, PURPLE, SKY, ORANGE, "#666666", "#000000")
 """Colors of methods, in their order."""
@@ -52,10 +44,11 @@ def panels(rows: int, columns: int, width: float, height: float, **options: Any)
     return figure, list(axes.flat)
 
 
-def letters(axes: list[Axes], which: str = string.ascii_lowercase) -> None:
-    """(a), (b), ... before the titles."""
-    for letter, one in zip(which, axes, strict=False):
-        one.set_title(f"({letter}) {one.get_title()}", fontsize=10, loc="left")
+def letters(figure: Figure, first: str = "a") -> None:
+    """(a), (b), ... before the titles of a figure of several panels."""
+    axes = [one for one in figure.axes if one.get_label() != "<colorbar>"]
+    for n, one in enumerate(axes if len(axes) > 1 else (), ord(first)):
+        one.set_title(f"({chr(n)}) {one.get_title()}", fontsize=10, loc="left")
         one.set_title("")
 
 

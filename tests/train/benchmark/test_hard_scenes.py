@@ -6,14 +6,7 @@ import pytest
 
 from ndtorch_train.benchmark.bar_scenes import FIRST_SEED as FIRST_SEED_OF_RANDOM
 from ndtorch_train.benchmark.bar_scenes import FPS, MOST_SCENES, SETTLE
-from ndtorch_train.benchmark.hard_scenes import (
-    FADE,
-    FIRST_SEED,
-    HARD,
-    HARD_SECONDS,
-    hard_scenes,
-    hard_trial,
-)
+from ndtorch_train.benchmark.hard_scenes import FADE, FIRST_SEED, HARD, HARD_SECONDS, hard_scenes, hard_trial
 
 SETS = {hard.name: hard for hard in HARD}
 

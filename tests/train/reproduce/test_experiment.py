@@ -1,44 +1,31 @@
-"""Where experiments work: what they leave behind when they are killed."""
+"""Where experiments work: what they leave behind when they are killed, and two runs at once."""
 
 from __future__ import annotations
 
-import fcntl
-import os
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from ndtorch_train.reproduce.experiment import Claim, Context, Outcome, ResultCache, held, lock_folder, run_claim
+from ndtorch_train.reproduce.experiment import Claim, Context, Outcome, ResultCache, run_claim
 
 
-def test_what_killed_runs_left_is_removed_and_what_others_work_at_stays(tmp_path: Path) -> None:
-    left, at_work, result = (tmp_path / name for name in ("A3-ab.part-1", "A3-ab.part-2", "A3-ab"))
-    for folder in (left, at_work, result):
-        folder.mkdir()
-        (folder / "figure.png").touch()
-    lock = lock_folder(at_work, fcntl.LOCK_EX)
-    try:
-        assert held(at_work)
-        ResultCache(tmp_path).tidy()
-    finally:
-        os.close(lock)
-    assert sorted(tmp_path.iterdir()) == [result, at_work]
-    assert not held(at_work)
-
-
-def test_two_runs_of_one_claim_that_end_at_once_leave_one_whole_result(tmp_path: Path) -> None:
-    ready = threading.Barrier(2)
+def test_runs_of_one_claim_at_once_leave_one_whole_result_and_nothing_of_one_that_was_killed(tmp_path: Path) -> None:
+    at_work: list[int] = []
 
     def tried(context: Context) -> Outcome:
+        assert not at_work
+        at_work.append(1)
+        assert list(context.folder.iterdir()) == []
         (context.folder / "kept.txt").write_text("1")
-        ready.wait(60)
-        return Outcome("0.1", "reproduced", "")
+        at_work.pop()
+        return Outcome("0.1", "holds", "")
 
     claim = Claim("Z1", "[Z]", "text", "printed", "none", tried, {}, {}, (1.0, 1.0), ("ndtorch.errors",))
-    for _ in range(20):
-        with ThreadPoolExecutor(2) as pool:
-            runs = [pool.submit(run_claim, claim, False, tmp_path, "code", lambda *_: None) for _ in range(2)]
-            assert [run.result() for run in runs] == [None, None]
     place = ResultCache(tmp_path).place(claim, False)
+    killed = place.with_name(f"{place.name}.part")
+    killed.mkdir()
+    (killed / "figure.png").touch()
+    with ThreadPoolExecutor(2) as pool:
+        runs = [pool.submit(run_claim, claim, False, tmp_path, "code", lambda *_: None) for _ in range(20)]
+        assert [run.result() for run in runs] == 20 * [None]
     assert sorted(path.name for path in place.iterdir()) == ["kept.txt", "result.json"]
-    assert list(tmp_path.glob("*.part-*")) == []
+    assert not killed.exists()

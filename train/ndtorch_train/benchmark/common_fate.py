@@ -8,7 +8,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -49,23 +48,14 @@ AGO = (0.8, 0.4, 0.0)
 """Seconds before the end at which a scene is scored."""
 
 
-@dataclass(frozen=True)
-class Condition:
-    """What is asked of a set of scenes: one parameter of `CommonFate` that differs from the others."""
-
-    name: str
-    value: float
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-
-def conditions() -> list[Condition]:
-    """Coherence, density, lifetime, the ground's coherence and the number of patches in turn, the rest as it comes."""
-    found = [Condition("coherence", v, {"coherence": v}) for v in (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)]
-    found += [Condition("density", v, {"density": v}) for v in (0.005, 0.01, 0.04)]
-    found += [Condition("lifetime", v, {"lifetime": v}) for v in (0.12, 0.2, 0.8, math.inf)]
-    found += [Condition("ground", v, {"ground": v}) for v in (0.5, 1.0)]
-    found += [Condition("patches", v, {"patches": v}) for v in (0, 2, 3)]
-    return found
+CONDITIONS: Mapping[str, tuple[float, ...]] = {
+    "coherence": (1.0, 0.75, 0.5, 0.35, 0.25, 0.15),
+    "density": (0.005, 0.01, 0.04),
+    "lifetime": (0.12, 0.2, 0.8, math.inf),
+    "ground": (0.5, 1.0),
+    "patches": (0, 2, 3),
+}
+"""Parameters of `CommonFate` that are varied in turn, the rest as it comes."""
 
 
 class Found(NamedTuple):
@@ -232,19 +222,18 @@ def fate_benchmark(methods: Sequence[str], names: Sequence[str], scenes: int, sp
     Raises:
         InputError: an unknown method or condition, or no scene.
     """
-    methods, every = methods or list(METHODS), conditions()
+    methods = methods or list(METHODS)
     known("methods", methods, list(METHODS))
-    parameters = list(dict.fromkeys(one.name for one in every))
-    known("conditions", names or parameters, parameters)
+    known("conditions", names or list(CONDITIONS), list(CONDITIONS))
     if not 1 <= scenes <= 10_000:
         raise InputError(f"scenes must be between 1 and 10000, got {scenes}")
     tasks = [
         Task(
-            f"{one.name} {one.value:g}, {method}",
-            functools.partial(measure, one, FIRST_SEED[split] + 10_000 * n, scenes, method),
+            f"{name} {value:g}, {method}",
+            functools.partial(measure, name, value, FIRST_SEED[split] + 10_000 * n, scenes, method),
         )
-        for n, one in enumerate(every)
-        if not names or one.name in names
+        for n, (name, value) in enumerate((name, value) for name, values in CONDITIONS.items() for value in values)
+        if not names or name in names
         for method in methods
     ]
     note = (
@@ -264,21 +253,22 @@ def fate_benchmark(methods: Sequence[str], names: Sequence[str], scenes: int, sp
     )
 
 
-def measure(condition: Condition, first: int, scenes: int, method: str, folder: Path) -> list[Row]:
+def measure(name: str, value: float, first: int, scenes: int, method: str, folder: Path) -> list[Row]:
     """The row of one method under one condition: means over scenes and moments, and standard errors."""
+    changed: dict[str, Any] = {name: value}
     scores = []
     for n in range(scenes):
-        scene = CommonFate(SECONDS, seed=first + n, **condition.options)
+        scene = CommonFate(SECONDS, seed=first + n, **changed)
         moments = [scene.length - 1 - round(ago * scene.fps) for ago in AGO]
         readings = METHODS[method]()(scene, moments)
         each = [scored(f, scene.masks(m, m + 1)[0].numpy()) for f, m in zip(readings, moments, strict=True)]
         scores.append([mean_of(values) for values in zip(*each, strict=True)])
-    row: Row = {"case": f"{condition.name} {condition.value:g}", "condition": condition.name, "method": method}
-    row["value"] = condition.value if math.isfinite(condition.value) else "inf"
-    for name, values in zip(("count", "place", "iou"), zip(*scores, strict=True), strict=True):
+    row: Row = {"case": f"{name} {value:g}", "condition": name, "method": method}
+    row["value"] = value if math.isfinite(value) else "inf"
+    for key, values in zip(("count", "place", "iou"), zip(*scores, strict=True), strict=True):
         there = [v for v in values if v is not None]
-        row[name] = float(np.mean(there)) if there else None
-        row[f"{name}_se"] = float(np.std(there) / math.sqrt(len(there))) if there else None
+        row[key] = mean_of(there)
+        row[f"{key}_se"] = float(np.std(there) / math.sqrt(len(there))) if there else None
     return [row]
 
 

@@ -73,13 +73,7 @@ def measure_field(direction: int, orientation: int, features: VisualFeatures) ->
     heading, end = math.radians(direction_degrees(direction)), (FRAMES - 1) / FPS
     start = (CANVAS / 2 - SPEED * math.cos(heading) * end, CANVAS / 2 + SPEED * math.sin(heading) * end)
     bar = Bar(
-        (1.0, 1.0, 1.0),
-        direction_degrees(direction),
-        start,
-        orientation_degrees(orientation),
-        SPEED,
-        LENGTH,
-        WIDTH,
+        (1.0, 1.0, 1.0), direction_degrees(direction), start, orientation_degrees(orientation), SPEED, LENGTH, WIDTH
     )
     scene, state = BarScene([bar], FRAMES / FPS, size=(CANVAS, CANVAS)), None
     for frames in scene.chunks(10):

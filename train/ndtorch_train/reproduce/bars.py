@@ -17,7 +17,6 @@ from ndtorch_train.plots import (
     ORANGE,
     PURPLE,
     feature_legend,
-    letters,
     matrix_panel,
     output_panel,
     panels,
@@ -54,7 +53,6 @@ def two_bars(context: Context, seconds: float, phase_step: int, rendered_phases:
     weight_panel(low[0], run.weight_time, run.weights, RED, "weights from the red neuron")
     weight_panel(low[1], run.weight_time, run.weights, GREEN_, "weights from the green neuron")
     figure.set_size_inches(11, 7.5)
-    letters([top, *low])
     feature_legend(figure)
     words = "The second stage as it learns two bars in sine shadow."
     context.draw(
@@ -63,8 +61,9 @@ def two_bars(context: Context, seconds: float, phase_step: int, rendered_phases:
     figure, axes = panels(1, 2, 12, 5.6)
     matrix_panel(axes[0], w, "raw weights")
     matrix_panel(axes[1], w, "over the largest, below 1/3 removed", simplified=True)
-    letters(axes, "de")
-    context.draw("B8-two-bars-d-e", figure, "B fig. 8d, e", f"{words} Weights after {seconds:g} s.", phase=290)
+    context.draw(
+        "B8-two-bars-d-e", figure, "B fig. 8d, e", f"{words} Weights after {seconds:g} s.", first="d", phase=290
+    )
 
     phases = [float(p) for p in range(0, 360, phase_step)]
     red, green, _ = superposed(context, phases, [20.0], 4.0 + later)
@@ -119,7 +118,6 @@ def weak_first_stage(context: Context, seconds: float, radius: float) -> Outcome
     axes[1].set(title="sum of the weights a neuron sends", xlabel="time since learning began (s)", ylabel="weight")
     axes[1].set_xlim(0, seconds)
     axes[1].legend(frameon=False, fontsize=9)
-    letters(axes)
     feature_legend(figure)
     caption = "The same stimulus with a weak first stage; beside it, how fast the two right columns grow."
     context.draw("B9-weak-first-stage", figure, "B fig. 9", caption, radius=radius, seconds=seconds)
@@ -127,10 +125,7 @@ def weak_first_stage(context: Context, seconds: float, radius: float) -> Outcome
     grown = [float(run.weights[at, :, [RED, GREEN_]].sum()) for run in (strong, weak)]
     wrong = owners(weak.final)
     numbers = {"weight in both columns at 5 s, strong and weak": grown, "owners with a weak first stage": wrong}
-    parts = {
-        "not exactly red and green": wrong != PAIR,
-        "columns grow slower": grown[1] < 0.8 * grown[0],
-    }
+    parts = {"not exactly red and green": wrong != PAIR, "columns grow slower": grown[1] < 0.8 * grown[0]}
     ours = f"owners {', '.join(wrong) or 'none'}; columns at 5 s {grown[1]:.1f} against {grown[0]:.1f}"
     why = "left and right stay uninhibited and stand as objects of their own." if "left" in wrong else ""
     return judged(context, ours, why, parts, numbers)
@@ -256,7 +251,6 @@ def learning_rates(context: Context, seconds: float, phase_step: int, rates: lis
     axes[1].set_xticks(range(len(rates)), [f"{r:g}" for r in rates])
     axes[1].set(title="phases", xlabel="learning rate (1/s)", ylabel=f"of {len(phases)}", ylim=(0, len(phases)))
     axes[1].legend(frameon=False)
-    letters(axes)
     caption = "What high learning rates do, at every phase; sums superposed from lone bars."
     context.draw("B-learning-rates", figure, "after B §3.4.1", caption, rates=rates, phases=phases, seconds=seconds)
     counts = {f"{rate:g}": int(n) for rate, n in zip(rates, right.sum(1), strict=True)}

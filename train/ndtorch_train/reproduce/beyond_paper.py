@@ -20,7 +20,7 @@ from ndtorch.binding import BoundObject
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.binding.models.whole_field import WholeFieldModel
 from ndtorch.scenes import FrameSource, equal_bars, open_video
-from ndtorch_train.plots import BLUE, GREEN, ORANGE, bare, letters, panels
+from ndtorch_train.plots import BLUE, GREEN, ORANGE, bare, panels
 from ndtorch_train.reproduce.bars import PAIR, three_bars_grid
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 from ndtorch_train.reproduce.signals import SETTLE, rendered, superposed
@@ -173,7 +173,6 @@ def equal_objects(context: Context, seconds: float, kinds: list[str], size: int)
         found[kind], when[kind] = [(obj.color, obj.place) for obj in objects], number
         axes[k].step(*np.array(number).T, color=BLUE, lw=2, where="post")
         axes[k].set(title=kind, xlabel="time (s)", ylabel="objects", ylim=(0, 5))
-    letters(axes)
     words = "Three bars alike in all features but their fluctuation, seen by 16 x 16 fields: objects over time."
     context.draw("C-equal-bars-retinotopic", figure, "C §5.5.2", words, seconds=seconds)
     parts = {f"{kind}: three objects": len(objects) == 3 for kind, objects in found.items()}
@@ -197,7 +196,6 @@ def one_object(context: Context, seed: int, clip: str) -> Outcome:
             path = np.array(obj.path)
             one.plot(path[:, 1], path[:, 2], color=GREEN, lw=2)
             one.plot(path[-1, 1], path[-1, 2], "o", color=ORANGE, ms=6)
-    letters(axes)
     words = "The path of every object that the model foreground found, over a frame from the middle of the clip."
     context.draw("B12-foreground", figure, "after B fig. 12", words, seed=seed)
     words_of = {name: [f"{obj.color}, {obj.direction}" for obj in objects] for name, objects in found.items()}

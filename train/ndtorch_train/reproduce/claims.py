@@ -13,17 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 from ndtorch.errors import InputError, did_you_mean
-from ndtorch_train.reproduce import (
-    bars,
-    beyond_paper,
-    driving,
-    first_stage,
-    mapping,
-    objects,
-    sensors,
-    theory,
-    video,
-)
+from ndtorch_train.reproduce import bars, beyond_paper, driving, first_stage, mapping, objects, sensors, theory, video
 from ndtorch_train.reproduce.driving import DRIVES
 from ndtorch_train.reproduce.experiment import Claim
 from ndtorch_train.reproduce.signals import BINDING, HOUSE

@@ -106,7 +106,6 @@ class Reproduce:
 
         store = ResultCache(out / "cache")
         store.folder.mkdir(exist_ok=True)
-        store.tidy()
         todo, other_code = [], []
         wanted = [claim for claim in with_better(claims) if claim.parameters(self.quick) is not None]
         for claim in wanted:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
-import os
-import secrets
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -144,10 +141,13 @@ class Context:
         """Tell how much of the experiment is done, 0..1."""
         self._report(share)
 
-    def draw(self, name: str, figure: Figure, title: str, caption: str, **parameters: Any) -> None:
-        """Keep a figure as SVG and PNG."""
+    def draw(self, name: str, figure: Figure, title: str, caption: str, first: str = "a", **parameters: Any) -> None:
+        """Keep a figure as SVG and PNG; its panels get letters from `first` on."""
         import matplotlib
 
+        from ndtorch_train.plots import letters
+
+        letters(figure, first)
         if self.quick:
             caption = f"{caption} Quick run: fewer or shorter trials."
         with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
@@ -207,12 +207,6 @@ class ResultCache:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def tidy(self) -> None:
-        """Remove what workers left that were killed."""
-        for part in self.folder.glob("*.part-*"):
-            if not held(part):
-                shutil.rmtree(part, ignore_errors=True)
-
     def place(self, claim: Claim, quick: bool) -> Path:
         """Folder of the result."""
         return self.folder / f"{claim.id}-{digest([claim.parameters(quick), quick])}"
@@ -233,22 +227,22 @@ class ResultCache:
 
 
 def run_claim(claim: Claim, quick: bool, cache_folder: Path, code: str, report: Report) -> None:
-    """Run one experiment and keep its result in the cache; a run that is killed leaves nothing half done.
+    """Run one experiment and keep its result in the cache, one run of a claim after the other.
+
+    A run that is killed leaves a folder `.part`, which the next one removes.
 
     Args:
         code: fingerprint of the code from before it was imported: files may change while a run goes on.
     """
-    place = ResultCache(cache_folder).place(claim, quick)
-    # Named at random: processes of two containers may have the same number.
-    work = place.with_name(f"{place.name}.part-{secrets.token_hex(8)}")
-    work.mkdir(parents=True)
-    store = cache_folder / "data"
-    store.mkdir(exist_ok=True)
-    lock = lock_folder(work, fcntl.LOCK_EX)
-    try:
+    place, store = ResultCache(cache_folder).place(claim, quick), cache_folder / "data"
+    work = place.with_name(f"{place.name}.part")
+    store.mkdir(parents=True, exist_ok=True)
+    parameters = claim.parameters(quick)
+    assert parameters is not None
+    with locked(store / f"{place.name}.lock"):
+        shutil.rmtree(work, ignore_errors=True)
+        work.mkdir()
         context = Context(work, store, quick, report)
-        parameters = claim.parameters(quick)
-        assert parameters is not None
         outcome = claim.run(context, **parameters)
         result = {
             "id": claim.id,
@@ -258,35 +252,8 @@ def run_claim(claim: Claim, quick: bool, cache_folder: Path, code: str, report: 
             "drawings": [asdict(drawing) for drawing in context.drawings],
         }
         (work / "result.json").write_text(json.dumps(result, indent=1, default=plain) + "\n", encoding="utf-8")
-        # Of two runs of one claim that end at once, the second would find the folder of the first in its way.
-        with locked(store / "results.lock"):
-            shutil.rmtree(place, ignore_errors=True)
-            work.rename(place)
-    finally:
-        os.close(lock)
-        shutil.rmtree(work, ignore_errors=True)
-
-
-def lock_folder(folder: Path, how: int) -> int:
-    """Hold a folder until the returned descriptor is closed, or until this process is gone."""
-    lock = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(lock, how)
-    except OSError:
-        os.close(lock)
-        raise
-    return lock
-
-
-def held(folder: Path) -> bool:
-    """Whether a process that lives holds the folder."""
-    try:
-        os.close(lock_folder(folder, fcntl.LOCK_EX | fcntl.LOCK_NB))
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    return False
+        shutil.rmtree(place, ignore_errors=True)
+        work.rename(place)
 
 
 def plain(value: Any) -> Any:

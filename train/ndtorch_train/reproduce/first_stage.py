@@ -13,7 +13,7 @@ from ndtorch.binding import train_first_stage
 from ndtorch.report.plots.layout import STYLES
 from ndtorch.scenes import hsl_color, moving_bar, static_bar
 from ndtorch.vision import FEATURES, GROUPS, VisualFeatures
-from ndtorch_train.plots import letters, panels
+from ndtorch_train.plots import panels
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 
 
@@ -54,7 +54,6 @@ def weights(context: Context, gamma: float, radius: float) -> Outcome:
         axes[3].plot([s for s, _ in seen], [w[k] for _, w in seen], ["-", "--", ":"][k], lw=2, label=name)
     axes[3].legend(frameon=False)
     axes[3].set(title="largest weight during training", xlabel="time (s)", ylabel="weight")
-    letters(axes)
     caption = "Weights of the three first-stage networks after training on the contracting rings."
     context.draw("B1-first-stage", figure, "B §3.1-3.3", caption, gamma=gamma, radius=radius)
 
@@ -141,7 +140,6 @@ def motion_tuning(context: Context, step: float, seconds: float) -> Outcome:
         one.set(title=title, xlabel="orientation of a bar that moves right (degrees)", xticks=range(-90, 91, 30))
     axes[0].set_ylabel("response, share of the largest input")
     axes[0].legend(frameon=False, fontsize=9)
-    letters(axes)
     caption = "First-stage motion processing of the aperture problem: a bar that always moves right, at any tilt."
     context.draw("B5-aperture", figure, "B fig. 5", caption, step=step, seconds=seconds)
 
@@ -191,7 +189,6 @@ def orientation_tuning(context: Context, step: float) -> Outcome:
             one.plot(around, torch.cat([y, y, y[:1]]), color=STYLES[name].color, lw=2.2, label=name)
         one.set(title=title)
     axes[1].legend(loc="upper left", bbox_to_anchor=(0.95, 1.1), frameon=False)
-    letters(axes)
     caption = (
         "First-stage orientation refinement: responses to a bar at rest against its angle (0°: long axis vertical)."
     )
@@ -199,10 +196,7 @@ def orientation_tuning(context: Context, step: float) -> Outcome:
     before, after = ((v.amin(0) / v.amax(0)).tolist() for v in (inputs, outputs))
     low, high = min(after), max(after)
     numbers = {"min/max of inputs": before, "min/max of outputs": after}
-    parts = {
-        "inputs .57 within .03": all(abs(r - 0.57) <= 0.03 for r in before),
-        "outputs at most .17": high <= 0.17,
-    }
+    parts = {"inputs .57 within .03": all(abs(r - 0.57) <= 0.03 for r in before), "outputs at most .17": high <= 0.17}
     ours = f"min/max {min(before):.2f}-{max(before):.2f} -> {low:.2f}-{high:.2f}"
     return judged(context, ours, "The shapes are those of the figure: ellipses become peanuts.", parts, numbers)
 
@@ -237,7 +231,6 @@ def color_tuning(context: Context, saturation: float, hues: int, lights: int) ->
     axes[2].set(title="at lightness 0.5: inputs bold", xlabel="hue (degrees)", ylabel="value", ylim=(0, 1.05))
     axes[2].set_xticks(range(0, 361, 60))
     axes[2].legend(fontsize=7.5, ncols=3, frameon=False, loc="upper center")
-    letters(axes)
     caption = f"First-stage color refinement of colors of saturation {saturation:g}; outputs over the largest of all."
     context.draw("B7-color-tuning", figure, "B fig. 7", caption, saturation=saturation)
     numbers = {

@@ -16,7 +16,7 @@ from ndtorch.navigation.stereo.prediction import PredictedFeatures
 from ndtorch.vision import NDMin
 from ndtorch_robot.evaluation.plots import draw_cells, draw_plan
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_train.plots import BLUE, GREEN, ORANGE, PURPLE, letters, panels
+from ndtorch_train.plots import BLUE, GREEN, ORANGE, PURPLE, panels
 from ndtorch_train.recorded import RATE, Recorded, map_of, quality, ranges_of, score_of
 from ndtorch_train.reproduce.driving import recorded
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
@@ -84,7 +84,6 @@ def space_time(context: Context, seen: Recorded, rows: Tensor) -> None:
         )
         one.set(title=name, xlabel="column (px)")
     axes[0].set_ylabel("time (s)")
-    letters(axes)
     words = f"{end:.0f} s of the center rows of both cameras along the {seen.arena}."
     context.draw("ch2-8-rows", figure, "chapter 2 fig. 8", words, arena=seen.arena, seed=seen.seed)
 
@@ -102,7 +101,6 @@ def marked(context: Context, seen: Recorded, features: Features, name: str, titl
         one.set(title=("left camera", "right camera")[k], xlabel="column (px)", xlim=(0, 640), ylim=(0, t[-1]))
     axes[0].set_ylabel("time (s)")
     axes[1].legend(markerscale=4, frameon=True, loc="upper right", fontsize=9)
-    letters(axes)
     context.draw(name, figure, title, f"Motion features over time: {words}.", arena=seen.arena, seed=seen.seed)
 
 
@@ -142,7 +140,6 @@ def diagram(context: Context, seen: Recorded, rows: Tensor, motion: Tensor, rang
             one.set_xlabel("column (px)")
     assert scatter is not None
     figure.colorbar(scatter, ax=axes[6:], label="range (m)", shrink=0.8)
-    letters(axes)
     words = "From image rows to ranges: rows, outputs of ND-min, features, and those matched between both cameras."
     context.draw(
         "A10-ranging", figure, "A fig. 10", words, arena=seen.arena, seed=seen.seed, frames=[first, first + 200]
@@ -170,7 +167,6 @@ def beams(context: Context, rig: StereoRig) -> tuple[float, float, float]:
         one.plot(float(x), float(y), "+", color="#56b4e9", ms=12, mew=2)
         one.set(title=title, xlabel="x, ahead (m)", ylabel="y, to the left (m)")
         figure.colorbar(shown, ax=one, shrink=0.8, label="certainty")
-    letters(axes)
     words = "Certainty of a feature at the cross, seen by two cameras (dots); beams drawn ten times as wide as a pixel."
     context.draw("A11-beams", figure, "A fig. 11", words, feature=[1.5, 0.1], reach=3.0, spread="10 pixels")
     along = torch.linspace(0.8, 3.0, 4401).double()
@@ -231,7 +227,6 @@ def arenas(context: Context, seed: int) -> None:
     for one, name in zip(axes, arenas(test=False), strict=True):
         draw_plan(one, load_arena(name, seed))
         one.set_title(name)
-    letters(axes)
     words = "The simulated buildings from above, doors brown; the paper's hallway is in (a) with its door spacing."
     context.draw("A9-arenas", figure, "A fig. 9", words, seed=seed)
 

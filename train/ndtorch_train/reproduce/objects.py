@@ -13,27 +13,9 @@ from ndtorch.binding import PublishedModel, object_table
 from ndtorch.binding.attention import attention_mask, feature_weights
 from ndtorch.scenes import two_bars
 from ndtorch.vision import FEATURES, LowPass
-from ndtorch_train.plots import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    bare,
-    feature_legend,
-    letters,
-    matrix_panel,
-    output_panel,
-    panels,
-)
+from ndtorch_train.plots import BLUE, GREEN, ORANGE, bare, feature_legend, matrix_panel, output_panel, panels
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
-from ndtorch_train.reproduce.signals import (
-    draw_runs,
-    learn,
-    one_trial,
-    owners,
-    rendered,
-    share_in,
-    superposed,
-)
+from ndtorch_train.reproduce.signals import draw_runs, learn, one_trial, owners, rendered, share_in, superposed
 
 PAIR = ["red", "green"]
 RED, GREEN_, BLUE_ = (FEATURES.index(name) for name in ("red", "green", "blue"))
@@ -48,7 +30,6 @@ def rules(context: Context, seconds: float) -> Outcome:
         bold = owners(run.final) if rule == "competitive" else []
         output_panel(axes[k], run.time, run.outputs, f"outputs, {rule} rule", bold, None, 0.0)
         matrix_panel(axes[2 + k], run.final, f"weights, {rule} rule")
-    letters(axes)
     feature_legend(figure)
     caption = "Two bars in sine shadow: the competitive rule beside the cooperative one."
     context.draw("C3-rules", figure, "C fig. 3", caption, phase=290, seconds=seconds)
@@ -78,7 +59,6 @@ def table(context: Context, seconds: float) -> Outcome:
     axes[1].set_xticks(range(10), FEATURES, rotation=45)
     axes[1].set_yticks(range(len(numbers_of)), [f"object {k + 1}" for k in range(len(numbers_of))])
     axes[1].set(title=f"object matrix O, r = {numbers_of}")
-    letters(axes)
     caption = "From the simplified weights to one row of features for every object."
     context.draw("C4-objects", figure, "C fig. 4", caption, phase=290, seconds=seconds)
     found = [obj.features for obj in run.model.objects(run.state)]
@@ -186,7 +166,6 @@ def enhanced_figures(context: Context, shown: list[Moment]) -> None:
             crop(moment.enhanced),
             f"enhanced: {words}, ratio {max(moment.after, 1 / moment.after):.1f}",
         )
-    letters(axes)
     caption = "160 x 160 pixels from the middle of the image as the bars pass each other; input and enhanced image."
     context.draw("C6-enhanced", figure, "C fig. 6", caption, shift=(250, -85))
     moment = shown[0]
@@ -198,7 +177,6 @@ def enhanced_figures(context: Context, shown: list[Moment]) -> None:
     axes[1].set(title="weights f", ylabel="share of the largest")
     bare(axes[2], crop(moment.mask).sqrt(), "mask (square root): sum of f |HP|")
     bare(axes[3], crop(moment.enhanced), "mask times input")
-    letters(axes)
     caption = "How the enhanced image is made, at the first of the two moments."
     context.draw("C5-attention", figure, "C fig. 5", caption, shift=(250, -85))
 
@@ -254,7 +232,6 @@ def scene_change(context: Context, before: float, after: float, phases: list[flo
     axes[1].set_xlim(0, before + after)
     axes[1].legend(frameon=False)
     matrix_panel(axes[2], run.final[chosen], "weights at the end", simplified=True)
-    letters(axes)
     feature_legend(figure)
     caption = f"At {before:g} s the red bar is gone and a blue one is there (dotted). Sums superposed from lone bars."
     context.draw(

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ndtorch.navigation import StereoRig
 from ndtorch.scenes import FlickeringGrating, MovingGrating
 from ndtorch.vision import NDS, SPEED_SCALE, ChahlSrinivasan, NDMin, NDMinus, judge_speed_curve, speed_response
-from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, PURPLE, letters, panels
+from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, PURPLE, panels
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 
 MEASURED = {"NDS": (1.49, 2.71), "ND-minus": (0.77, 0.62), "ND-min": (1.00, 1.30), "Chahl-Srinivasan": (1.00, 1.21)}
@@ -69,7 +69,6 @@ def characterisation(context: Context, step: float, phases: int) -> Outcome:
         one.grid(color="0.92")
     for one in axes[2:]:
         one.set_xlabel("speed of the grating (px/step)")
-    letters(axes)
     caption = "Four sensors: response to a square grating against its speed, and to flicker of 14.9 Hz at rest."
     context.draw("A3-sensors", figure, "A fig. 3", caption, speeds=[-2, 2, step], phases=phases, frames=200)
 
@@ -118,7 +117,6 @@ def time_constants(context: Context, taus: list[float | str], phases: int) -> Ou
         one.set_yticks(range(len(names)), names)
         one.set(title=title, xlabel="low-pass time constant (ms)", ylabel="high-pass time constant (ms)")
         figure.colorbar(shown, ax=one, shrink=0.8)
-    letters(axes)
     caption = "Time constants of NDS: how far its response rises with speed, and how straight. Circle: the best."
     context.draw("A-time-constants", figure, "A Methods", caption, taus=names, phases=phases)
     best = (values[i], values[j])
@@ -143,7 +141,6 @@ def pixel_angle(context: Context) -> Outcome:
     axes[1].plot(p, line - exact, color=ORANGE, lw=2)
     axes[1].axhline(0, color="0.6", lw=0.8)
     axes[1].set(title="error of the line", xlabel="pixels from the center", ylabel="error (degrees)")
-    letters(axes)
     caption = "The exact angle of a pixel and its least-squares line."
     context.draw("A-pixel-angle", figure, "A eq. A.3-A.4", caption, focal=430, width=640)
     parts = {"0.1212 within .00005": abs(slope - 0.1212) <= 5e-5, "0.875 within 1 %": abs(error / 0.875 - 1) <= 0.01}

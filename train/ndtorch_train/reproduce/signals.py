@@ -17,7 +17,7 @@ from ndtorch.scenes import SCENES, make_scene
 from ndtorch.utils.packages import MODELS
 from ndtorch.utils.tensors import mapped
 from ndtorch.vision import FEATURES
-from ndtorch_train.plots import feature_legend, letters, matrix_panel, output_panel, panels
+from ndtorch_train.plots import feature_legend, matrix_panel, output_panel, panels
 from ndtorch_train.reproduce.experiment import Arrays, Context
 from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars, rendered_sums
 
@@ -145,6 +145,5 @@ def draw_runs(
     for k, (words, run, bold, until) in enumerate(runs):
         output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {words}", bold, until, 0.0)
         matrix_panel(axes[2 * k + 1], run.final, f"weights, {words}", simplified=True)
-    letters(axes)
     feature_legend(figure)
     context.draw(name, figure, title, caption, **parameters)

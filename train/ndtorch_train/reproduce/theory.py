@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ndtorch.binding import InhibitoryNetwork, learning_rule, separated, solutions, spectral_radius
 from ndtorch.binding.theory import count_solutions, largest_free_weight
-from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, letters, panels
+from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, panels
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 
 DT = 0.001
@@ -100,9 +100,8 @@ def competitive_one(context: Context, seconds: float) -> Outcome:
     figure, axes = panels(1, 2, 12, 4.6)
     plane(axes[0], learned, "weights, competitive rule")
     outputs_panel(axes[1], learned.outputs, "outputs, competitive rule", seconds)
-    letters(axes, "ef")
     caption = "Two neurons, one source, competitive rule: weights against each other and outputs."
-    context.draw("C7-competitive", figure, "C fig. 7e, f", caption, gamma=5, mixing=ONE, seconds=seconds)
+    context.draw("C7-competitive", figure, "C fig. 7e, f", caption, first="e", gamma=5, mixing=ONE, seconds=seconds)
     at = {s: learned.weights[int((learned.times <= s).sum()) - 1, 0] for s in (5.0, seconds)}
     w = at[5.0]
     numbers: dict[str, Any] = {f"T at {s:g} s": v for s, v in at.items()}
@@ -158,7 +157,6 @@ def cooperative_one(context: Context, seconds: float, trials: int) -> Outcome:
         axes[2].axhline(sign, color="0.5", ls=":")
     axes[2].set(title="eigenvalues of T (dotted: 1)", xlabel="time (s)", ylabel="eigenvalue", xlim=(0, until))
     plane(axes[3], learned, f"weights over {seconds:g} s, cooperative rule")
-    letters(axes)
     caption = "Two neurons, one source, cooperative rule. Green: theoretical limits on the two weights."
     context.draw("C7-cooperative", figure, "C fig. 7a-d", caption, gamma=5, mixing=ONE, seconds=seconds)
 
@@ -228,7 +226,6 @@ def two_sources(context: Context, seconds: float) -> Outcome:
         one.axhline(0.6 / 0.7, color=GREEN, ls=":", label="solution, .857")
         one.set(title=f"weights, {rule} rule", xlabel="time (s)", ylabel="weight")
         one.legend(frameon=False)
-    letters(axes)
     caption = "Two neurons, two sources: the cooperative rule finds them, the competitive one suppresses a neuron."
     context.draw("C-two-sources", figure, "C §5.4", caption, gamma=5, mixing=TWO, seconds=seconds)
     w = both["cooperative"].weights[-1, 0]
@@ -295,7 +292,6 @@ def solutions_of_mixtures(context: Context, largest: int, mixtures: int, seed: i
     axes[1].plot(curve, 1 / curve, color=ORANGE, lw=2.5, label="T12 T21 = 1")
     axes[1].set(title="blue: outputs stay bounded", xlabel="T12", ylabel="T21", xlim=(0, 1.5), ylim=(0, 1.5))
     axes[1].legend(frameon=False)
-    letters(axes)
     caption = "How many weight matrices solve a random mixture, how many are stable, and the limit for two neurons."
     context.draw("C-theory", figure, "C §5.3", caption, mixtures=mixtures, seed=seed)
     agree, tried = sum(r["stability right"] for r in rows), sum(r["of"] for r in rows)

@@ -13,7 +13,7 @@ import ndtorch
 from ndtorch.binding import object_table
 from ndtorch.scenes import FrameSource, RenderedScene, open_video
 from ndtorch.vision import FEATURES
-from ndtorch_train.plots import bare, feature_legend, letters, matrix_panel, output_panel, weight_panel
+from ndtorch_train.plots import bare, feature_legend, matrix_panel, output_panel, weight_panel
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 from ndtorch_train.reproduce.signals import owners
 
@@ -149,7 +149,6 @@ def draw(
     largest = float(run.final.max())
     cut = torch.where(run.final >= THRESHOLD * largest, run.final / max(largest, 1e-12), 0.0)
     matrix_panel(axes[4], cut, "over the largest, below a tenth removed")
-    letters(axes)
     feature_legend(figure)
     context.draw(name, figure, title, caption, gamma=10, tau_in=1.5, tau_out=0.75, **kw)
 

@@ -61,7 +61,7 @@ class Sweep:
         from ndtorch.utils.packages import code_digest, toml_file
         from ndtorch.utils.signals import parts_kept
         from ndtorch_train.rows import RowStore
-        from ndtorch_train.sweep.config import read_sweep, results_of
+        from ndtorch_train.sweep.config import module_of, read_sweep
         from ndtorch_train.sweep.parameters import trial_id
 
         if self.cluster is not None and len(self.cluster) > 1:
@@ -70,7 +70,7 @@ class Sweep:
         jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
             raise InputError(f"--jobs must be at least 1, got {jobs}")
-        module = kind_of(config)
+        module = module_of(config.kind)
         code = code_digest(module.USES)[:12]
         settings = {"command": "sweep", "trials": sorted(map(trial_id, config.trials)), "show": config.show}
         wanted = self.out or Path("out/sweep") / config.name
@@ -82,15 +82,9 @@ class Sweep:
             store = RowStore(out / KEPT)
             done = {name for name, (row,) in store.rows.items() if row["code"] == code}
             if len(done) < len(store.rows):
-                print(
-                    f"note: {len(store.rows) - len(done)} trials in {out} are of other code and not used",
-                    file=sys.stderr,
-                )
+                note(f"{len(store.rows) - len(done)} trials in {out} are of other code and not used")
             if store.damaged:
-                print(
-                    f"note: {store.damaged} lines of {out / KEPT} are damaged; their trials are run again",
-                    file=sys.stderr,
-                )
+                note(f"{store.damaged} lines of {out / KEPT} are damaged; their trials are run again")
             names = {trial_id(trial) for trial in config.trials}
             todo = [trial for trial in config.trials if trial_id(trial) not in done]
             if len(todo) < len(config.trials):
@@ -112,7 +106,7 @@ class Sweep:
                 report = dict(before)
             if self.compare:
                 report |= one_at_a_time(config, module, min(self.compare, len(config.trials)))
-            write_results(config, rows, results_of(config.kind), out)
+            write_results(config, rows, module.RESULTS, out)
             if report != before:
                 write_text(file, json.dumps(report, indent=1) + "\n")
         except OSError as error:
@@ -162,6 +156,11 @@ class Sweep:
 
             function = functools.partial(any_block, kind=config.kind, device=config.device)
             yield from run_on_ray(function, blocks, self.cluster[0] if self.cluster else None, jobs)
+
+
+def note(words: str) -> None:
+    """Say what is not as expected."""
+    print(f"note: {words}", file=sys.stderr)
 
 
 def write_results(config: SweepConfig, rows: Sequence[Row], results: Sequence[str], folder: Path) -> None:
@@ -214,20 +213,14 @@ def earlier_summary(file: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def kind_of(config: SweepConfig) -> ModuleType:
-    """The module that runs trials of that kind."""
-    from ndtorch_train.sweep import binding, driving
-
-    return binding if config.kind == "binding" else driving
-
-
 def any_block(trials: Sequence[Trial], *, kind: str, device: str) -> list[dict[str, Any]]:
     """Results of a block of trials."""
     from ndtorch.utils.tensors import tune_allocator
-    from ndtorch_train.sweep import binding, driving
+    from ndtorch_train.sweep.config import module_of
 
     tune_allocator()
-    return binding.run_block(trials, device) if kind == "binding" else driving.run_block(trials, device)
+    found: list[dict[str, Any]] = module_of(kind).run_block(trials, device)
+    return found
 
 
 def local_block(trials: Sequence[Trial], report: Report, *, kind: str, device: str) -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -74,18 +75,11 @@ class SweepConfig:
     show: tuple[str, str, str, tuple[str, ...]]
 
 
-def parameters_of(kind: str) -> Mapping[str, Parameter]:
-    """Parameters of the trials of that kind."""
+def module_of(kind: str) -> ModuleType:
+    """What runs the trials of that kind, with their parameters and the results that are numbers."""
     from ndtorch_train.sweep import binding, driving
 
-    return binding.PARAMETERS if kind == "binding" else driving.PARAMETERS
-
-
-def results_of(kind: str) -> tuple[str, ...]:
-    """Names of the results of that kind that are numbers."""
-    from ndtorch_train.sweep import binding, driving
-
-    return binding.RESULTS if kind == "binding" else driving.RESULTS
+    return binding if kind == "binding" else driving
 
 
 def read_sweep(path: Path) -> SweepConfig:
@@ -101,7 +95,8 @@ def read_sweep(path: Path) -> SweepConfig:
 def parse(data: Mapping[str, Any], where: str, name: str) -> SweepConfig:
     """A sweep from plain data; errors as `read_sweep`."""
     file = check(data, SweepFile, where)
-    parameters = parameters_of(file.kind)
+    module = module_of(file.kind)
+    parameters: Mapping[str, Parameter] = module.PARAMETERS
     for key in (*file.vary, *file.fixed):
         if key not in parameters:
             raise InputError(f"{where}: unknown key {key!r}; {suggestion(key, parameters)}")
@@ -132,7 +127,7 @@ def parse(data: Mapping[str, Any], where: str, name: str) -> SweepConfig:
             for _ in range(count)
         ]
     unique = {trial_id(trial): trial for trial in found}
-    show = shown(file.show, tuple(file.vary), results_of(file.kind), where)
+    show = shown(file.show, tuple(file.vary), module.RESULTS, where)
     return SweepConfig(name, file.kind, list(unique.values()), tuple(file.vary), file.device, show)
 
 
