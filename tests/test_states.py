@@ -83,11 +83,7 @@ OF_TRIALS = {
     "RetinotopicModel",
     "AlphaBetaTracker",
     "GridMap",
-} | {
-    "ObservationList",
-    "Navigator",
-    "Controller",
-}
+} | {"ObservationList", "Navigator", "Controller"}
 CHANGED: dict[str, Callable[[Tensor], Tensor]] = {
     "half the trials": lambda x: x[:1] if x.ndim and len(x) == 2 else x,
     "three times as many": lambda x: torch.cat([x, x, x]) if x.ndim and len(x) == 2 else x,

@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose
 
 from ndtorch.binding import BindingInputs
 from ndtorch.binding.normalise import ORDERS, InputState, Order, divide
-from ndtorch.vision import GROUPS
 from tests.strategies import chunkings
 
 EDGES = [(0, 4), (4, 7), (7, 10)]
@@ -75,15 +74,6 @@ def test_the_largest_fluctuation_of_a_group_becomes_one() -> None:
     sums[1] += torch.arange(10.0)
     (inputs, _), _ = BindingInputs()(sums)
     assert_allclose(inputs[1], [0, 1 / 3, 2 / 3, 1, 4 / 6, 5 / 6, 1, 7 / 9, 8 / 9, 1], atol=1e-5)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_groups_do_not_meet(order: Order) -> None:
-    sums = 1 + noise(40, 10)
-    changed = sums.clone()
-    changed[:, GROUPS["orientation"]] *= 7
-    before, after = (BindingInputs(order=order)(x)[0][0] for x in (sums, changed))
-    assert_allclose(after, before, atol=1e-12)
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -95,14 +95,7 @@ def test_perron_root_is_the_radius(seed: int, kind, count: int, neurons: int, de
     dtype=st.sampled_from([torch.float32, torch.float64]),
 )
 def test_limit_holds_and_scales_uniformly(
-    seed: int,
-    kind,
-    count: int,
-    neurons: int,
-    density: float,
-    size: float,
-    limit: float,
-    dtype: torch.dtype,
+    seed: int, kind, count: int, neurons: int, density: float, size: float, limit: float, dtype: torch.dtype
 ) -> None:
     rng = np.random.default_rng(seed)
     weights = (shuffled(rng, kind(rng, count, neurons, density)) * size).to(dtype)

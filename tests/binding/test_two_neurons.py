@@ -26,12 +26,7 @@ def mixed(mixing: Mixing, seconds: float) -> torch.Tensor:
 
 def network(rule: str) -> InhibitoryNetwork:
     return InhibitoryNetwork(
-        2,
-        0.001,
-        learning_rule(rule, gamma=5.0, radius_limit=math.inf),
-        tau_in=math.inf,
-        tau_out=2.0,
-        settle=0.0,
+        2, 0.001, learning_rule(rule, gamma=5.0, radius_limit=math.inf), tau_in=math.inf, tau_out=2.0, settle=0.0
     )
 
 

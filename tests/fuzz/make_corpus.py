@@ -141,19 +141,8 @@ def recordings(folder: Path) -> None:
 def replays(folder: Path) -> None:
     from ndtorch.cli.commands import main
 
-    main(
-        [
-            "drive",
-            "--seconds",
-            "0.1",
-            "--record-format",
-            "jpeg",
-            "--record",
-            str(folder / "drive"),
-            "--out",
-            str(folder / "out"),
-        ]
-    )
+    words = f"drive --seconds 0.1 --record-format jpeg --record {folder}/drive --out {folder}/out"
+    main(words.split())
     shutil.rmtree(folder / "out", ignore_errors=True)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from tests.fuzz import mutate
@@ -70,6 +71,11 @@ def small_model() -> Any:
     return PublishedModel(PublishedConfig(size=(16, 20), fps=100.0))
 
 
+def named(place: str) -> Callable[[Path], Any]:
+    """A reader by its place, imported when it is first called."""
+    return lambda path: resolve_name(place)(path)
+
+
 def read_state(path: Path) -> Any:
     from ndtorch.binding.saving import load_state
 
@@ -92,19 +98,6 @@ def craft_tensors(chance: random.Random, path: Path) -> None:
     save_tensors({name: torch.from_numpy(part.copy()) for name, part in arrays.items()}, file, about)
 
 
-def read_model(path: Path) -> Any:
-    import ndtorch
-
-    return ndtorch.load(path)
-
-
-def read_run(path: Path) -> Any:
-    """What `bind --resume` reads of a folder."""
-    from ndtorch.run.opening import described
-
-    return described(path)
-
-
 def craft_run(chance: random.Random, path: Path) -> None:
     from ndtorch.utils.files import read_tensors, save_tensors
 
@@ -114,22 +107,10 @@ def craft_run(chance: random.Random, path: Path) -> None:
     save_tensors(flat, file, about)
 
 
-def read_map(path: Path) -> Any:
-    from ndtorch.navigation.mapping.map_files import load_map
-
-    return load_map(path)
-
-
 def craft_arrays(chance: random.Random, path: Path) -> None:
     from ndtorch.utils.files import load_arrays, save_arrays
 
     save_arrays(path, mutate.damaged_arrays(chance, load_arrays(path)))
-
-
-def read_sweep_file(path: Path) -> Any:
-    from ndtorch_train.sweep.config import read_sweep
-
-    return read_sweep(path)
 
 
 def read_car(path: Path) -> Any:
@@ -145,18 +126,6 @@ def read_drive(path: Path) -> Any:
     from ndtorch_robot.config import DriveConfig
 
     return read_toml(path, DriveConfig)
-
-
-def read_arena_file(path: Path) -> Any:
-    from ndtorch_robot.sim.arena_file import read_arena
-
-    return read_arena(path)
-
-
-def read_calibration_file(path: Path) -> Any:
-    from ndtorch_robot.calibration.model import read_calibration
-
-    return read_calibration(path)
 
 
 def read_recording(path: Path) -> Any:
@@ -255,24 +224,18 @@ def read_barn(path: Path) -> Any:
     return [world.plan() for world in read_worlds(path)]
 
 
-def read_ranges(path: Path) -> Any:
-    from ndtorch_train.benchmark.ranges import read_pair
-
-    return read_pair(path)
-
-
 TARGETS = {
     target.name: target
     for target in (
         Target("state", read_state, craft_tensors),
-        Target("model", read_model, craft_tensors, 0.3),
-        Target("run", read_run, craft_run),
-        Target("map", read_map, craft_arrays),
-        Target("sweep", read_sweep_file),
+        Target("model", named("ndtorch:load"), craft_tensors, 0.3),
+        Target("run", named("ndtorch.run.opening:described"), craft_run),
+        Target("map", named("ndtorch.navigation.mapping.map_files:load_map"), craft_arrays),
+        Target("sweep", named("ndtorch_train.sweep.config:read_sweep")),
         Target("car", read_car),
         Target("drive", read_drive),
-        Target("arena", read_arena_file),
-        Target("calibration", read_calibration_file),
+        Target("arena", named("ndtorch_robot.sim.arena_file:read_arena")),
+        Target("calibration", named("ndtorch_robot.calibration.model:read_calibration")),
         Target("recording", read_recording, craft_recording, 0.7),
         Target("replay", replay_recording, craft_recording, 0.8),
         Target("line", read_line, craft_line),
@@ -280,6 +243,6 @@ TARGETS = {
         Target("pictures", read_pictures),
         Target("truth", read_truth),
         Target("barn", read_barn),
-        Target("ranges", read_ranges),
+        Target("ranges", named("ndtorch_train.benchmark.ranges:read_pair")),
     )
 }

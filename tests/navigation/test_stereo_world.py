@@ -7,16 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.navigation import (
-    DeadReckoning,
-    FeatureParams,
-    Grid,
-    GridMap,
-    MatchParams,
-    Pose,
-    StereoRanging,
-    StereoRig,
-)
+from ndtorch.navigation import DeadReckoning, FeatureParams, Grid, GridMap, MatchParams, Pose, StereoRanging, StereoRig
 from tests.navigation import planar_world
 from tests.navigation.planar_world import PlanarWorld
 

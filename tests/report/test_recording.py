@@ -55,14 +55,7 @@ def test_everything_written_is_there(tmp_path: Path) -> None:
         if not chunk.is_static:
             assert "time" in chunk.timeline_names
             rows[chunk.entity_path] += chunk.num_rows
-    assert rows == {
-        "/outputs": steps,
-        "/input": 5,
-        "/enhanced": 5,
-        "/winner": 5,
-        "/weights/matrix": 5,
-        "/objects": 1,
-    }
+    assert rows == {"/outputs": steps, "/input": 5, "/enhanced": 5, "/winner": 5, "/weights/matrix": 5, "/objects": 1}
 
 
 def test_outputs_keep_their_times_values_names_and_colors(tmp_path: Path) -> None:

@@ -9,14 +9,7 @@ from typing import Any
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.run.options import (
-    KNOWN_BY,
-    BindJob,
-    check_options,
-    check_resume,
-    default_model,
-    flag,
-)
+from ndtorch.run.options import KNOWN_BY, BindJob, check_options, check_resume, default_model, flag
 
 VALUES: dict[str, Any] = {
     "rule": "hebbian",

@@ -14,13 +14,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import ndtorch
-from ndtorch.binding import (
-    BindingInputs,
-    InhibitoryNetwork,
-    LearningRule,
-    PublishedModel,
-    learning_rule,
-)
+from ndtorch.binding import BindingInputs, InhibitoryNetwork, LearningRule, PublishedModel, learning_rule
 from ndtorch.binding.models.whole_field import BindingSignals, BindingState
 from ndtorch.binding.rules import RULES
 from ndtorch.errors import InputError

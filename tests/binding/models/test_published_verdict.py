@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from ndtorch.binding import (
-    PublishedModel,
-)
+from ndtorch.binding import PublishedModel
 from ndtorch.binding.models.whole_field import BindingState
 from tests.binding.models.small_published import model, two_things
 

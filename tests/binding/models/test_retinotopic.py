@@ -51,9 +51,7 @@ def test_an_object_says_when_it_was_seen() -> None:
     one = torch.zeros_like(windows.open)
     one[3] = True
     age = module.config.tracking.confirm + 0.04
-    state = state._replace(
-        windows=windows._replace(open=one, age=age * one.float(), unseen=0.03 * one.float()),
-    )
+    state = state._replace(windows=windows._replace(open=one, age=age * one.float(), unseen=0.03 * one.float()))
     (thing,) = module.objects(state)
     now = float(signals.time[-1])
     assert thing.track == 3

@@ -7,12 +7,7 @@ import pytest
 import torch
 
 from ndtorch.navigation import SaccadeController, StereoRig
-from ndtorch.navigation.controllers.published import (
-    PublishedControl,
-    SaccadeAvoidance,
-    avoidance,
-    avoidance_step,
-)
+from ndtorch.navigation.controllers.published import PublishedControl, SaccadeAvoidance, avoidance, avoidance_step
 
 RIG = StereoRig(width=320, height=240, focal=215.0, pitch=0.1, forward=0.15)
 DT = 1 / 30

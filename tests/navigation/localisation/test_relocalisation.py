@@ -10,13 +10,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.localisation import Localiser
 from ndtorch.navigation.localisation.ndt import empty_map
-from ndtorch.navigation.localisation.relocalisation import (
-    BLUR_M,
-    PIXEL_M,
-    best_pose,
-    likelihood_field,
-    no_search,
-)
+from ndtorch.navigation.localisation.relocalisation import BLUR_M, PIXEL_M, best_pose, likelihood_field, no_search
 from ndtorch.navigation.mapping import save_map
 from ndtorch.navigation.options import NavigatorOptions
 from tests.navigation.localisation.test_ndt import CORNER

@@ -53,10 +53,7 @@ def looked(left, right):
         for eye, r in zip((left, right), rects, strict=True)
     ]
     rows = [eye[0, 0, RIG.row].numpy() / np.float32(255) for eye in (left, right)]
-    return (
-        detect_obstacles(*rows, RIG, ProximityParams()),
-        floor_correlation(*fields, rects, RIG, ProximityParams()),
-    )
+    return (detect_obstacles(*rows, RIG, ProximityParams()), floor_correlation(*fields, rects, RIG, ProximityParams()))
 
 
 @pytest.mark.parametrize("wall", [0.35, 0.5, 0.8])

@@ -7,14 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ndtorch.navigation import (
-    ARRIVED,
-    CRUISE,
-    Command,
-    NavigatorOptions,
-    Pose,
-    StereoRig,
-)
+from ndtorch.navigation import ARRIVED, CRUISE, Command, NavigatorOptions, Pose, StereoRig
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.params import reactive_params
 from ndtorch.navigation.local_grid.grid import LocalGridParams

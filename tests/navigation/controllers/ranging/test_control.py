@@ -5,16 +5,7 @@ import copy
 import numpy as np
 import torch
 
-from ndtorch.navigation import (
-    CRUISE,
-    REVERSE,
-    SUPPRESSED,
-    TURN,
-    Command,
-    Pose,
-    Ranges,
-    StereoRig,
-)
+from ndtorch.navigation import CRUISE, REVERSE, SUPPRESSED, TURN, Command, Pose, Ranges, StereoRig
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
 from ndtorch.navigation.odometry import arc
