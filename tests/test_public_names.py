@@ -36,7 +36,7 @@ BINDING = """
     train_first_stage weight_change
 """
 NAVIGATION = """
-    ARRIVED CRUISE REVERSE STOPPED SUPPRESSED TURN AlphaBetaTracker AvoidanceParams Command Controller
+    ARRIVED CRUISE REVERSE STOPPED SUPPRESSED TURN AlphaBetaTracker AvoidanceParams Body Command Controller
     DeadReckoning FeatureParams GoalParams Grid GridMap Localiser LocaliserParams MatchParams Navigator
     NavigatorOptions NavigatorState ObservationList Pose Ranges RangingParams Rect SaccadeController SearchParams
     StereoRanging StereoRig Strips Task controller_names cut_strips load_map make_controller save_map

@@ -3,6 +3,7 @@
 Here are the names that people start with; the rest comes from its file.
 """
 
+from ndtorch.navigation.body import Body
 from ndtorch.navigation.controllers import (
     ARRIVED,
     CRUISE,
@@ -49,6 +50,7 @@ __all__ = [
     "TURN",
     "AlphaBetaTracker",
     "AvoidanceParams",
+    "Body",
     "Command",
     "Controller",
     "DeadReckoning",

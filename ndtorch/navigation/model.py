@@ -12,8 +12,10 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
+from ndtorch.navigation.body import Body, match_params, rig_in_units, search_params
 from ndtorch.navigation.controllers.contract import Command, Controller
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
+from ndtorch.navigation.controllers.scaled import controller_for_body
 from ndtorch.navigation.localisation.localiser import Localiser
 from ndtorch.navigation.localisation.state import LocaliserState, frame_pose
 from ndtorch.navigation.mapping import GridMap
@@ -67,6 +69,8 @@ class Navigator(nn.Module):
             there is no floor.
         localiser: corrects the poses at which these parts are filled, and tells the controller where the car is, so
             that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
+        body: the robot's, which all lengths and speeds of a controller that is named follow, and the disparities that
+            are ranged; the car of [A] by default.
 
     Raises:
         InputError: an unknown controller, one without this backend, or parameters of another one; frames that cannot be
@@ -97,16 +101,23 @@ class Navigator(nn.Module):
         backend: str = "auto",
         near_check: bool = True,
         localiser: Localiser | None = None,
+        body: Body | None = None,
     ) -> None:
         super().__init__()
         if isinstance(controller, str):
-            controller = make_controller(controller, rig, dt, params, backend)
+            if body is None:
+                controller = make_controller(controller, rig, dt, params, backend)
+            else:
+                controller = controller_for_body(controller, rig, dt, body, params, backend)
+        elif body is not None:
+            raise InputError("body belongs to a controller that is named; this one was made already")
         elif params is not None:
             raise InputError("params belong to a controller that is named; this one was made already")
         if backend not in ("auto", controller.backend):
             raise InputError(f"this controller has the backend {controller.backend!r}, got backend={backend!r}")
         self.controller: Controller = controller
         self.backend = controller.backend
+        matching = match_params(rig, body) if matching is None and body is not None else matching
         self.ranging = StereoRanging(rig, dt, features, matching, angles, search=search)
         self.reckoning = DeadReckoning(dt)
         self.grid_map, self.observations, self.tracker, self.localiser = grid_map, observations, tracker, localiser
@@ -114,8 +125,10 @@ class Navigator(nn.Module):
         self.row = row_rect(rig)
         # Where the ranging itself searches, the controller is told at every frame.
         looks = near_check and self.backend == "numba" and self.controller.checks_near
-        searching = StereoRanging(rig, dt, angles=angles, search=SearchParams(rows=1)) if search is None else None
-        self.near = ProximitySchedule(ProximityCheck(rig, self.controller.fields), searching) if looks else None
+        how = SearchParams(rows=1) if body is None else search_params(rig, body)
+        searching = StereoRanging(rig, dt, angles=angles, search=how) if search is None else None
+        near = ProximityCheck(rig if body is None else rig_in_units(rig, body.unit_m), self.controller.fields)
+        self.near = ProximitySchedule(near, searching) if looks else None
 
     def extra_repr(self) -> str:
         """The backend."""

@@ -1,0 +1,134 @@
+"""A controller for a body of any size: it reckons in units of the body, and everybody else in metres."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+from torch import nn
+
+from ndtorch.navigation.body import Body, rig_in_units
+from ndtorch.navigation.controllers.contract import Command, Controller, SensingRequest, Trace
+from ndtorch.navigation.controllers.registry import controller_class
+from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.proximity.stereo_match import Obstacles
+from ndtorch.navigation.stereo.ranging import Ranges
+from ndtorch.navigation.stereo.rig import Rect, StereoRig
+
+
+def controller_for_body(
+    name: str, rig: StereoRig, dt: float, body: Body, params: Any = None, backend: str = "auto"
+) -> Controller:
+    """The controller of this name, whose lengths follow the body.
+
+    Args:
+        params: its parameters; all lengths and speeds among them are those of the car of [A] and become those of the
+            body. A goal stays where it is.
+    """
+    kind, unit = controller_class(name, backend), body.unit_m
+    params = kind.Params() if params is None else params
+    names = {field.name for field in fields(params)}
+    if "body" in names:
+        params = replace(params, body=body.in_units())
+    if "reactive" in names:
+        params = replace(params, reactive=replace(params.reactive, body=body.in_units()))
+    if "goal" in names and params.goal is not None:
+        params = replace(params, goal=(params.goal[0] / unit, params.goal[1] / unit))
+    inner = kind(rig_in_units(rig, unit), dt, params)
+    return inner if unit == 1 else ScaledController(inner, unit)
+
+
+class ScaledController(Controller):
+    """A controller for lengths in units of so many metres, as one for metres.
+
+    Near obstacles are in units already: the proximity check is made for the rig in units, too.
+
+    Args:
+        inner: made for a rig whose lengths are in units.
+        unit: m.
+    """
+
+    def __init__(self, inner: Controller, unit: float) -> None:
+        nn.Module.__init__(self)
+        self.inner, self.unit, self.params = inner, unit, inner.params
+        self.name, self.modes, self.backend = inner.name, inner.modes, inner.backend  # type: ignore[misc]
+        self.has_goals, self.checks_near = inner.has_goals, inner.checks_near  # type: ignore[misc]
+
+    @property
+    def fields(self) -> tuple[Rect, Rect]:
+        """As `Controller.fields`."""
+        return self.inner.fields
+
+    @property
+    def trace(self) -> Trace:
+        """As `Controller.trace`."""
+        return self.inner.trace
+
+    def see(self, frames: Any, state: Any = None) -> tuple[Any, Any]:
+        """As `Controller.see`."""
+        return self.inner.see(frames, state)
+
+    def sides(self, seen: Any) -> Any:
+        """As `Controller.sides`."""
+        return self.inner.sides(seen)
+
+    def in_units(self, pose: Pose) -> Pose:
+        """A pose in units."""
+        return Pose(pose.x / self.unit, pose.y / self.unit, pose.heading)
+
+    def ranges_in_units(self, ranges: Ranges) -> Ranges:
+        """Ranges in units."""
+        r, unit = ranges, self.unit
+        return r._replace(left_range=r.left_range / unit, x=r.x / unit, y=r.y / unit)
+
+    def start(self, seen: Any, pose: Pose) -> Any:
+        """As `Controller.start`."""
+        return self.inner.start(seen, self.in_units(pose))
+
+    def step(self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: Any) -> tuple[Command, Any]:
+        """As `Controller.step`."""
+        before = Command(driven.speed / self.unit, driven.curvature * self.unit)
+        command, state = self.inner.step(seen, self.ranges_in_units(ranges), self.in_units(pose), before, state)
+        return Command(command.speed * self.unit, command.curvature / self.unit), state
+
+    def mode(self, state: Any) -> Any:
+        """As `Controller.mode`."""
+        return self.inner.mode(state)
+
+    def difference(self, state: Any) -> Any:
+        """As `Controller.difference`, in m where it is a length."""
+        difference = self.inner.difference(state)
+        return difference * self.unit if self.inner.trace.unit == "m" else difference
+
+    def on_near_obstacles(
+        self, state: Any, pose: Pose, obstacles: Obstacles, across: Obstacles, floor_seen: bool
+    ) -> Any:
+        """As `Controller.on_near_obstacles`, with obstacles in units."""
+        return self.inner.on_near_obstacles(state, self.in_units(pose), obstacles, across, floor_seen)
+
+    def sensing_requests(self, state: Any) -> SensingRequest:
+        """As `Controller.sensing_requests`."""
+        return self.inner.sensing_requests(state)
+
+    def on_extra_ranges(self, state: Any, pose: Pose, ranges: Ranges | None, obstacles: Obstacles | None) -> Any:
+        """As `Controller.on_extra_ranges`, with obstacles in units."""
+        ranges = None if ranges is None else self.ranges_in_units(ranges)
+        return self.inner.on_extra_ranges(state, self.in_units(pose), ranges, obstacles)
+
+    def on_pose(self, state: Any, pose: Pose, place: Pose | None) -> Any:
+        """As `Controller.on_pose`."""
+        place = None if place is None else self.in_units(place)
+        return self.inner.on_pose(state, self.in_units(pose), place)
+
+    def can_resume(self, state: Any) -> bool:
+        """As `Controller.can_resume`."""
+        return self.inner.can_resume(state)
+
+    def status_message(self, state: Any) -> str | None:
+        """As `Controller.status_message`; lengths in it are those of the car of [A]."""
+        message = self.inner.status_message(state)
+        return None if message is None else f"{message} (1 m is {self.unit:.3g} m for this body)"
+
+    def warm_up(self) -> None:
+        """As `Controller.warm_up`."""
+        self.inner.warm_up()
