@@ -7,6 +7,7 @@ from typing import Any
 
 from torch import nn
 
+from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body, rig_in_units
 from ndtorch.navigation.controllers.contract import Command, Controller, SensingRequest, Trace
 from ndtorch.navigation.controllers.registry import controller_class
@@ -34,7 +35,10 @@ def controller_for_body(
         params = replace(params, reactive=replace(params.reactive, body=body.in_units()))
     if "goal" in names and params.goal is not None:
         params = replace(params, goal=(params.goal[0] / unit, params.goal[1] / unit))
-    inner = kind(rig_in_units(rig, unit), dt, params)
+    try:
+        inner = kind(rig_in_units(rig, unit), dt, params)
+    except InputError as error:
+        raise InputError(f"{error} (1 m of these is {unit:.3g} m for this body)" if unit != 1 else str(error)) from None
     return inner if unit == 1 else ScaledController(inner, unit)
 
 
