@@ -10,7 +10,7 @@ from torch import Tensor
 from ndtorch.binding.learning import settled
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria, features_by_group
-from ndtorch.binding.readout.source_count import LINEAR, crowded, empty, full, stands_out, unexplained
+from ndtorch.binding.readout.source_count import COLORS, LINEAR, Bound, crowded, empty, full, stands_out, unexplained
 from ndtorch.vision.features import GROUPS
 
 DELAYS = (0.01, 0.05, 0.1, 0.2, 0.4, 0.8)
@@ -212,10 +212,13 @@ class Sources(NamedTuple):
     gap: Tensor
 
 
-def sources_of(covariances: Tensor, criteria: SourceCriteria, limits: SumCriteria) -> Sources:
+def sources_of(
+    covariances: Tensor, criteria: SourceCriteria, limits: SumCriteria, bound: Bound | None = None
+) -> Sources:
     """Count and mixing from covariances `[..., L, 10, 10]` in double precision, the first without delay.
 
-    Light that changes everywhere is left out.
+    Light that changes everywhere is left out. Orientations and colors that are no exact mixture hold as many sources
+    as `bound` says at most.
     """
     batch, most = covariances.shape[:-3], criteria.most_sources
     flat = covariances.reshape(-1, *covariances.shape[-3:])
@@ -224,10 +227,17 @@ def sources_of(covariances: Tensor, criteria: SourceCriteria, limits: SumCriteri
     four, exact = empty(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits)
     linear = torch.where(four, linear.clamp_min(MOST - 1), linear)
     linear = torch.where(five, linear.clamp_min(MOST), linear)
+    many = crowded(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits)
+    if bound is not None:
+        # Bars that pass each other hide a fourth source in all seconds together, not in the quietest ones.
+        most = bound.most.reshape(-1)
+        free = exact | (most == LINEAR.stop - LINEAR.start)
+        linear = torch.where(free, linear, torch.where(many & (most >= limits.crowd), most, linear.minimum(most)))
+        many = many & free
     every = stands_out(flat[:, 0], flat[:, 1], limits.crowded, limits)
     light = even_light(flat[:, 1], linear, limits)
     lit = light.abs().amax(-1) > 0
-    wide = crowded(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits) & (linear > 0) & ~lit
+    wide = many & (linear > 0) & ~lit
     count = torch.where(wide & ~exact, torch.maximum(linear, every), linear)
     more = unexplained(flat[:, 0], flat[:, 1], count, limits) & ~lit
     wide, count = wide | more, (count + more.long()).clamp_max(most)
@@ -235,6 +245,9 @@ def sources_of(covariances: Tensor, criteria: SourceCriteria, limits: SumCriteri
     # Beside two of one rate, what is faint is an overtone of theirs: a shadow's edge does not dim all sums alike.
     values = torch.linalg.eigvalsh(flat[:, 1, LINEAR, LINEAR])
     fewer = (values > limits.doubtful * values[:, -1:]).sum(-1)
+    if bound is not None:  # a source of a color of its own is no overtone, nor is one that three colors cannot show
+        shown = torch.where(bound.colors == COLORS, bound.most, bound.colors).reshape(-1)
+        fewer = torch.maximum(fewer, torch.minimum(count, shown))
     again = (found.gap < criteria.gap) & ~wide & ~lit & (fewer < count) & (fewer > 1) & ~(exact & (fewer > 2))
     if bool(again.any()):
         other = unmixed(flat, torch.where(again, fewer, count), wide, light, criteria)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
@@ -10,8 +13,10 @@ from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.readout.owners import SumCriteria
 from ndtorch.vision.features import GROUPS
 
-LINEAR = slice(GROUPS["motion"].stop, None)
+LINEAR = slice(GROUPS["motion"].stop, 10)
 """Signals that are proportional to brightness: orientations and colors."""
+COLORS = 3
+"""Signals of color."""
 WAYS = 4
 """Signals of motion: so many sources move every way there is."""
 NOTHING = 1e-6
@@ -105,6 +110,8 @@ def unexplained(plain: Tensor, delayed: Tensor, count: Tensor, limits: SumCriter
     return found
 
 
+EXACT = 1e-6
+"""The same share where a residual is to be nothing."""
 ROUNDS = 6
 """What is left out changes what orientations hold beside colors: so often at most."""
 RIDGE = 1e-4
@@ -154,17 +161,92 @@ def beside_colors(delayed: Tensor, weight: Tensor, there: Tensor, limits: SumCri
     """
     orientation, color = GROUPS["orientation"], GROUPS["color"]
     whole = (weight[..., None, None] * delayed).sum(-3) / weight.sum(-1).clamp_min(1e-12)[..., None, None]
-    colors = whole[..., color, color]
-    power = colors.diagonal(dim1=-2, dim2=-1).sum(-1).clamp_min(1e-12)
-    ridge = RIDGE * power[..., None, None] * torch.eye(3, dtype=colors.dtype, device=colors.device)
-    explained = torch.linalg.solve(colors + ridge, whole[..., color, orientation]).mT.unsqueeze(-3)
-    rest = (
-        delayed[..., orientation, orientation]
-        - 2 * explained @ delayed[..., color, orientation]
-        + explained @ delayed[..., color, color] @ explained.mT
-    )
+    rest = beside(delayed, whole[..., color, color], whole[..., color, orientation])
     left = rest.diagonal(dim1=-2, dim2=-1).sum(-1)
     middle = torch.where(there, left, torch.nan).nanmedian(-1, keepdim=True).values
     largest = whole[..., orientation, orientation].diagonal(dim1=-2, dim2=-1).sum(-1, keepdim=True)
     kept: Tensor = there & (left <= torch.maximum(limits.covered * middle, limits.beside * largest))
     return kept
+
+
+class Bound(NamedTuple):
+    """How many sources orientations and colors hold at most, and how clear that is.
+
+    Attributes:
+        most: sources, `[...]`, int64; all that orientations and colors can hold where they are an exact mixture.
+        colors: of these the ones that colors tell apart.
+        margin: smallest distance of a direction from its threshold, in powers of e of its share, `[...]`.
+    """
+
+    most: Tensor
+    colors: Tensor
+    margin: Tensor
+
+
+def source_bound(statistics: CovarianceState, limits: SumCriteria) -> Bound:
+    """Sources by colors, and by what orientations hold beside them in the quietest seconds.
+
+    Colors add up exactly, also where bars cover each other: as many directions as bars of different color. Orientations
+    do not, since filters reach over several bars: bars that pass each other make a further direction without a further
+    bar. A bar fluctuates in every second, bars pass each other in some. So the residual of orientations is
+    taken from the seconds in which it is least, with colors fitted to those seconds alone (least trimmed squares).
+
+    Args:
+        statistics: with pieces `[..., P, L, 10, 10]`, the second delay the shortest.
+        limits: see there.
+    """
+    orientation, color = GROUPS["orientation"], GROUPS["color"]
+    held = statistics.held.to(statistics.pieces.dtype)
+    pieces = (statistics.pieces / held.clamp_min(1)[:, None, None, None])[..., :2, :, :]
+    total = (held[:, None, None, None] * pieces).sum(-4) / held.sum().clamp_min(1)
+    scale = spread_groups(group_max(total[..., 0, :, :].diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()))
+    unit = scale.unsqueeze(-1) * scale.unsqueeze(-2)
+    delayed = divide(pieces[..., 1, :, :], unit.unsqueeze(-3)).double()
+    whole = divide(total[..., 1, :, :], unit).double()
+    quiet = max(1, math.ceil(limits.quietest * int((held > 0).sum())))
+    selected = held.double().expand(delayed.shape[:-2])
+    residual = delayed[..., orientation, orientation]
+    for _ in range(ROUNDS):
+        fitted = (selected[..., None, None] * delayed).sum(-3) / selected.sum(-1).clamp_min(1e-12)[..., None, None]
+        residual = beside(delayed, fitted[..., color, color], fitted[..., color, orientation])
+        left = residual.diagonal(dim1=-2, dim2=-1).sum(-1).masked_fill(held == 0, torch.inf)
+        rank = left.argsort(-1).argsort(-1)
+        selected = (rank < quiet) * held.double()
+    residual = (selected[..., None, None] * residual).sum(-3) / selected.sum(-1).clamp_min(1e-12)[..., None, None]
+    of_colors = torch.linalg.eigvalsh(whole[..., color, color])
+    largest = torch.linalg.eigvalsh(whole[..., orientation, orientation])[..., -1:].clamp_min(1e-12)
+    ratio = of_colors / (limits.faintest * of_colors[..., -1:].clamp_min(1e-12))
+    # Where colors have a direction left, a further source would have to be of a color that is there.
+    filled = (ratio > 1).all(-1, keepdim=True)
+    least = torch.where(filled, limits.quiet_residual, limits.same_color_residual)
+    ratio = torch.cat([ratio, torch.linalg.eigvalsh(residual) / (least * largest)], -1)
+    colors = (ratio[..., :COLORS] > 1).sum(-1)
+    # Of two directions beside the colors the second is that of bars that pass each other.
+    most = colors + (ratio[..., COLORS:] > 1).any(-1)
+    # Where a direction of the orientations holds nothing, no bars pass each other.
+    exact = torch.linalg.eigvalsh(
+        beside(whole.unsqueeze(-3), whole[..., color, color], whole[..., color, orientation], EXACT)
+    )
+    most = torch.where(exact[..., 0, 0] < NOTHING * largest[..., 0], ratio.shape[-1], most)
+    margin = ratio.clamp(1e-9, 1e9).log().abs().amin(-1)
+    return Bound(most, colors, margin)
+
+
+def beside(delayed: Tensor, colors: Tensor, shared: Tensor, share: float = RIDGE) -> Tensor:
+    """Covariances of orientations in every piece `[..., P, 3, 3]` less what colors explain.
+
+    Args:
+        delayed: `[..., P, 10, 10]`.
+        colors: covariance of the colors, `[..., 3, 3]`.
+        shared: of colors with orientations, `[..., 3, 3]`.
+        share: of the colors' power that is added to each of them.
+    """
+    orientation, color = GROUPS["orientation"], GROUPS["color"]
+    power = colors.diagonal(dim1=-2, dim2=-1).sum(-1).clamp_min(1e-12)
+    ridge = share * power[..., None, None] * torch.eye(3, dtype=colors.dtype, device=colors.device)
+    explained = torch.linalg.solve(colors + ridge, shared).mT.unsqueeze(-3)
+    both = explained @ delayed[..., color, orientation]
+    rest: Tensor = (
+        delayed[..., orientation, orientation] - both - both.mT + explained @ delayed[..., color, color] @ explained.mT
+    )
+    return rest

@@ -28,7 +28,7 @@ from ndtorch.binding.readout.joint_diagonalisation import (
     without_lighting,
 )
 from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria
-from ndtorch.binding.readout.source_count import LINEAR, undisturbed
+from ndtorch.binding.readout.source_count import LINEAR, Bound, source_bound, undisturbed
 from ndtorch.errors import InputError
 
 FAINT = 1e-3
@@ -139,10 +139,11 @@ def sums_table(
     c, limit = criteria or SourceCriteria(), limits or SumCriteria()
     recent, fast = statistics.all.covariances.unbind(-4)
     slow = undisturbed(statistics.all, tau, piece, limit)
+    bound = source_bound(statistics.all, limit)
     still = steady(statistics.all.low, recent, limit)
-    short, gone = present_sources(fast, recent, first_stage, c, limit)
-    long, left = present_sources(slow, recent, first_stage, c, limit)
-    scene, _ = present_sources(statistics.scene.covariances[..., 0, :, :, :], recent, first_stage, c, limit)
+    short, gone = present_sources(fast, recent, first_stage, c, limit, bound)
+    long, left = present_sources(slow, recent, first_stage, c, limit, bound)
+    scene, _ = present_sources(statistics.scene.covariances[..., 0, :, :, :], recent, first_stage, c, limit, bound)
     left = gone & ~left & (short.sources < long.sources)
     chosen = Separation(*(choose(left, a, b) for a, b in zip(short, long, strict=True)))
     # What came and what left at once goes together in memories of both.
@@ -166,9 +167,14 @@ def steady(level: Tensor, covariances: Tensor, limits: SumCriteria) -> Tensor:
 
 
 def present_sources(
-    covariances: Tensor, recent: Tensor, first_stage: Tensor, criteria: SourceCriteria, limits: SumCriteria
+    covariances: Tensor,
+    recent: Tensor,
+    first_stage: Tensor,
+    criteria: SourceCriteria,
+    limits: SumCriteria,
+    bound: Bound,
 ) -> tuple[Separation, Tensor]:
-    """Sources in covariances `[..., L, 10, 10]` that are still in the recent ones, without lighting.
+    """Sources in covariances `[..., L, 10, 10]`, within `bound`, that are still in the recent ones, without lighting.
 
     Returns:
         What was found, through the settled first stage, and whether one had left, `[...]` bool.
@@ -176,7 +182,7 @@ def present_sources(
     scale = spread_groups(group_max(covariances[..., 0, :, :].diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()))
     unit = (scale.unsqueeze(-1) * scale.unsqueeze(-2)).unsqueeze(-3)
     normal, now = divide(covariances, unit).double(), divide(recent, unit).double()
-    sources = sources_of(normal, criteria, limits)
+    sources = sources_of(normal, criteria, limits, bound)
     power = (sources.unmixing @ now[..., 1, :, :] @ sources.unmixing.mT).diagonal(dim1=-2, dim2=-1)
     rank = torch.arange(power.shape[-1], device=power.device)
     there = rank < sources.number.unsqueeze(-1)

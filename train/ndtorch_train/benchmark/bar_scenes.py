@@ -165,12 +165,13 @@ def seeds(split: Split, scenes: int) -> range:
     return range(FIRST_SEED[split], FIRST_SEED[split] + scenes)
 
 
-def draw_scene(seed: int, restriction: Restriction | None = None) -> Scene:
+def draw_scene(seed: int, restriction: Restriction | None = None, seconds: float = LONGEST) -> Scene:
     """The scene of that seed: 1-3 bars of random direction, orientation, color and brightness over time.
 
     16 directions; half of the bars move across their long axis, the others have one of 8 orientations. Colors are
     fully bright, of saturation .5-.95 and hues at least 60° apart. Brightness is a sinusoid (period .5-2.5 s), smoothed
-    noise (Gaussian of .08-.3 s) or on-off (.4-1.5 s each), around one half.
+    noise (Gaussian of .08-.3 s) or on-off (.4-1.5 s each), around one half, for so many `seconds`: another number of
+    them draws another scene.
     """
     want = restriction or Restriction()
     rng = np.random.default_rng(seed)
@@ -184,7 +185,7 @@ def draw_scene(seed: int, restriction: Restriction | None = None) -> Scene:
         color = colorsys.hsv_to_rgb(hues[n] / 360, rng.uniform(0.5, 0.95), 1.0)
         start = (float(rng.uniform(0, SIZE[1])), float(rng.uniform(0, SIZE[0])))
         kind: Kind = "steady" if want.steady else KINDS[rng.integers(len(KINDS))]
-        light = draw_light(rng, kind)
+        light = draw_light(rng, kind, seconds)
         if bars and want.same_color:
             color = bars[0].color
         if bars and want.same_direction:
@@ -235,9 +236,9 @@ def draw_hues(rng: np.random.Generator, count: int) -> Floats:
             return hues.astype(np.float32)
 
 
-def draw_light(rng: np.random.Generator, kind: Kind) -> Floats:
+def draw_light(rng: np.random.Generator, kind: Kind, seconds: float = LONGEST) -> Floats:
     """Brightness over time, 100 samples a second."""
-    samples = round(LONGEST * FPS)
+    samples = round(seconds * FPS)
     middle, swing = (BRIGHTEST + DARKEST) / 2, (BRIGHTEST - DARKEST) / 2
     if kind == "sine":
         period, phase = rng.uniform(0.5, 2.5), rng.uniform(0, 2 * math.pi)
@@ -250,7 +251,7 @@ def draw_light(rng: np.random.Generator, kind: Kind) -> Floats:
         light = (middle + NOISE_DEVIATION * smooth).clip(0.05, 0.95)
     elif kind == "on-off":
         shortest, longest = 0.4, 1.5
-        lengths = np.round(FPS * rng.uniform(shortest, longest, math.ceil(LONGEST / shortest) + 1)).astype(int)
+        lengths = np.round(FPS * rng.uniform(shortest, longest, math.ceil(seconds / shortest) + 1)).astype(int)
         on = (np.arange(len(lengths)) + rng.integers(2)) % 2
         light = np.repeat(DARKEST + (BRIGHTEST - DARKEST) * on, lengths)
         ramp = round(SWITCHING * FPS)

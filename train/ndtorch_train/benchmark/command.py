@@ -109,6 +109,28 @@ class Hard(Seeded):
 
 
 @dataclass(frozen=True)
+class OverTime(Seeded):
+    """Score binding methods at every second of rendered scenes: does the answer hold?"""
+
+    methods: tuple[str, ...] = ("scale-free", "published", "ica", "picard")
+    """Methods to compare, as those of `ndtorch benchmark scenes`; offline ones get the last 15 s."""
+    sets: tuple[str, ...] = (
+        "random", "two bars", "three bars", "distance", "random shadow", "crossings", "border", "textured ground",
+    )  # fmt: skip
+    """Sets of scenes."""
+    scenes: int = 12
+    """Number of scenes of each set, times four of random (one to four bars) and two of two and three bars (phases)."""
+    seconds: float = 120.0
+    """How long every scene is watched; a scene takes half a second of one core a second."""
+
+    def benchmark(self) -> Benchmark:
+        """The scenes, second by second."""
+        from ndtorch_train.benchmark.over_time import over_time_benchmark
+
+        return over_time_benchmark(self.methods, self.sets, self.scenes, self.seconds, self.split)
+
+
+@dataclass(frozen=True)
 class Foreground(Seeded):
     """Score models for video, and background subtraction with trackers, on video with ground truth.
 
@@ -195,7 +217,7 @@ class Ranges(Options):
 
 @dataclass(frozen=True)
 class BenchmarkCommand:
-    """Score models and peers: scenes, hard, foreground, common-fate or ranges.
+    """Score models and peers: scenes, hard, over-time, foreground, common-fate or ranges.
 
     Every benchmark writes NAME.csv, NAME.md, an image and report.html, and goes on where it was stopped. Choose
     constants on the split `tune` and report the split `test`: their seeds have none in common.
@@ -204,6 +226,7 @@ class BenchmarkCommand:
     subcommands: ClassVar[Mapping[str, type[Options]]] = {
         "scenes": Scenes,
         "hard": Hard,
+        "over-time": OverTime,
         "foreground": Foreground,
         "common-fate": CommonFate,
         "ranges": Ranges,

@@ -1,0 +1,280 @@
+"""`ndtorch benchmark over-time`: what a model answers at every second of rendered scenes.
+
+Frames go through the ten features, and those through every method. The ten features of a scene are kept in the folder
+of the benchmark, since rendering takes longer than all methods together.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from ndtorch.binding.learning import settled
+from ndtorch.errors import InputError
+from ndtorch.scenes import FrameSource, three_bars, two_bars
+from ndtorch.utils.packages import MODELS, code_digest
+from ndtorch_train.benchmark.bar_scenes import (
+    FPS,
+    SIZE,
+    SPEED,
+    WIDTH,
+    RandomBar,
+    RenderedBars,
+    Restriction,
+    Scene,
+    by_group,
+    direction_degrees,
+    draw_scene,
+    first_stage,
+    present,
+    true_features,
+)
+from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
+from ndtorch_train.benchmark.retinotopic import ground
+from ndtorch_train.benchmark.scene_scores import score_scene
+from ndtorch_train.benchmark.separation import FILTERS_SETTLE, METHODS, TAU_SMOOTH, Method, Offline, Signals
+from ndtorch_train.rows import Row
+from ndtorch_train.superposed import Stimuli, film_bars, rendered_sums
+
+LONGEST = 120.0
+"""Seconds of every scene."""
+FIRST = 10.0
+"""Seconds before the first reading; from then on there is one a second."""
+WINDOW = 15.0
+"""Seconds of signals that offline methods get at every reading."""
+FIRST_SEED = {"tune": 30_000_000, "test": 31_000_000}
+"""Scene i of set k has this seed plus 10 000 k + i."""
+SEEDS_A_SET = 10_000
+COVERED_FROM, COVERED_TO = 12.0, 30.0
+"""Seconds between which bars of the set `crossings` cover each other for the first time."""
+
+
+class Rendered(NamedTuple):
+    """A scene to render and the features of its bars, `[bars, 10]` bool."""
+
+    source: FrameSource
+    truth: Tensor
+
+
+def random_scene(seed: int, number: int, share: float) -> Rendered:
+    """One to four bars in turn."""
+    return of_bars(draw_scene(seed, Restriction(number % 4 + 1), LONGEST))
+
+
+def crossing_scene(seed: int, number: int, share: float) -> Rendered:
+    """Two or three bars; each of the later ones covers the first one at a time between `COVERED_FROM` and `_TO`."""
+    scene, rng = draw_scene(seed, Restriction(number % 2 + 2), LONGEST), np.random.default_rng(seed + SEEDS_A_SET)
+    bars = [scene.bars[0]]
+    for bar in scene.bars[1:]:
+        while bar.direction == bars[0].direction:
+            bar = replace(bar, direction=int(rng.integers(16)))
+        moment, off = rng.uniform(COVERED_FROM, COVERED_TO), rng.uniform(-WIDTH / 2, WIDTH / 2, 2)
+        there = place(bars[0], moment) + off
+        start = np.array(bar.start) + there - place(bar, moment)
+        bars.append(replace(bar, start=(float(start[0] % SIZE[1]), float(start[1] % SIZE[0]))))
+    return of_bars(Scene(seed, tuple(bars)))
+
+
+def border_scene(seed: int, number: int, share: float) -> Rendered:
+    """One to three bars, the first of which moves along an edge of the image and is cut by it."""
+    scene, rng = draw_scene(seed, Restriction(number % 3 + 1), LONGEST), np.random.default_rng(seed + SEEDS_A_SET)
+    first, along = scene.bars[0], int(rng.integers(4))
+    cut = float(rng.uniform(-WIDTH / 2, WIDTH / 2))
+    start = (first.start[0], cut % SIZE[0]) if along % 2 == 0 else (cut % SIZE[1], first.start[1])
+    return of_bars(Scene(seed, (replace(first, direction=4 * along, start=start), *scene.bars[1:])))
+
+
+def textured_scene(seed: int, number: int, share: float) -> Rendered:
+    """One to three bars over smooth noise of .1 to .5."""
+    scene = of_bars(draw_scene(seed, Restriction(number % 3 + 1), LONGEST))
+    assert isinstance(scene.source, RenderedBars)
+    scene.source.ground = ground(seed)
+    return scene
+
+
+def paper_scene(seed: int, number: int, share: float, *, bars: int, fluctuation: str = "shadow") -> Rendered:
+    """The papers' bars, at a phase that is `share` of a cycle, from places that depend on the seed."""
+    rng = np.random.default_rng(seed)
+    # The reference scenes themselves are in the split test.
+    moved = (0.0, 0.0) if fluctuation == "shadow" and seed >= FIRST_SEED["test"] else tuple(rng.uniform(-60, 60, 2))
+    build = two_bars if bars == 2 else three_bars
+    # Bars that come and go in step are alike in everything that fluctuates.
+    phase = 30 + 300 * share if fluctuation == "distance" else 360 * share
+    source = build(LONGEST, phase=phase, fluctuation=fluctuation, shift=moved, seed=seed)
+    return Rendered(source, paper_truth()[:bars])
+
+
+class SceneSet(NamedTuple):
+    """A set: how a scene is drawn from its seed, its number and its share of the set; how many for each one asked."""
+
+    draw: Callable[[int, int, float], Rendered]
+    times: int = 1
+
+
+SETS: Mapping[str, SceneSet] = {
+    "random": SceneSet(random_scene, 4),
+    "two bars": SceneSet(functools.partial(paper_scene, bars=2), 2),
+    "three bars": SceneSet(functools.partial(paper_scene, bars=3), 2),
+    "distance": SceneSet(functools.partial(paper_scene, bars=2, fluctuation="distance")),
+    "random shadow": SceneSet(functools.partial(paper_scene, bars=2, fluctuation="random")),
+    "crossings": SceneSet(crossing_scene),
+    "border": SceneSet(border_scene),
+    "textured ground": SceneSet(textured_scene),
+}
+"""Sets by name."""
+
+
+def of_bars(scene: Scene) -> Rendered:
+    """A drawn scene as frames on black."""
+    return Rendered(RenderedBars(scene, LONGEST), true_features([scene], first_stage())[0])
+
+
+def place(bar: RandomBar, seconds: float) -> np.ndarray:
+    """Column and row of its center, not wrapped."""
+    angle = math.radians(direction_degrees(bar.direction))
+    return np.array(bar.start) + SPEED * seconds * np.array([math.cos(angle), -math.sin(angle)])
+
+
+@functools.cache
+def paper_truth() -> Tensor:
+    """Features of the papers' red, green and blue bar in the sine shadow, `[3, 10]` bool."""
+    bars = Stimuli(film_bars())
+    own = torch.stack([bars.red(LONGEST), bars.green([90.0], LONGEST)[0], bars.blue([0.0], LONGEST)[0]])
+    return present(by_group(own.std(1)) @ settled(first_stage()).T)
+
+
+def scenes_of(name: str, split: Split, scenes: int) -> list[Callable[[], Rendered]]:
+    """What draws each scene of a set.
+
+    Raises:
+        InputError: a number of scenes that is not positive, or has no seeds.
+    """
+    chosen = SETS[name]
+    count = chosen.times * scenes
+    if not 1 <= count <= SEEDS_A_SET:
+        raise InputError(f"scenes must be between 1 and {SEEDS_A_SET // chosen.times}, got {scenes}")
+    first = FIRST_SEED[split] + SEEDS_A_SET * list(SETS).index(name)
+    # The phases of the two splits lie between each other.
+    off = 0.5 if split == "tune" else 0.0
+    return [functools.partial(chosen.draw, first + n, n, (n + off) / count) for n in range(count)]
+
+
+def kept_sums(scene: Callable[[], Rendered], seconds: float, path: Path) -> Tensor:
+    """The ten sums of a scene's frames, `[T, 10]`: from the file, or rendered and kept there."""
+    if path.exists():
+        return torch.from_numpy(np.load(path))
+    source = scene().source
+    source.length = round(seconds * FPS)
+    sums = rendered_sums(source)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    half = path.with_suffix(".half.npy")
+    np.save(half, sums.numpy())
+    half.replace(path)
+    return sums
+
+
+class Answers(NamedTuple):
+    """Answers at every second of the scenes of a set, `[B, S]`: number, and whether it and all features are right."""
+
+    number: npt.NDArray[np.int64]
+    ok: npt.NDArray[np.bool_]
+
+
+def answers(method: Method, sums: Tensor, truth: Sequence[Tensor], times: Sequence[float]) -> Answers:
+    """The answers at `times`, seconds from the first frame, of an online method."""
+    readings = method(sums, FPS, times)
+    scores = [[score_scene(f, t) for f, t in zip(one.found, truth, strict=True)] for one in readings]
+    return Answers(*(np.array([[getattr(s, key) for s in at] for at in scores]).T for key in ("found", "ok")))
+
+
+def window_answers(method: Offline, sums: Tensor, truth: Sequence[Tensor], times: Sequence[float]) -> Answers:
+    """The same of an offline method, which gets the last `WINDOW` seconds of signals each time."""
+    refined, stride = Signals(FPS)(sums), max(1, round(TAU_SMOOTH * FPS))
+    scores = []
+    for signals, bars in zip(refined, truth, strict=True):
+        since = [max(FILTERS_SETTLE, time - WINDOW) for time in times]
+        cut = [signals[round(a * FPS) : round(b * FPS) : stride] for a, b in zip(since, times, strict=True)]
+        scores.append([score_scene(present(method.separate(piece)), bars) for piece in cut])
+    return Answers(*(np.array([[getattr(s, key) for s in at] for at in scores]) for key in ("found", "ok")))
+
+
+def measure(name: str, methods: Sequence[str], split: Split, scenes: int, seconds: float, folder: Path) -> list[Row]:
+    """Rows of all methods on one set."""
+    drawn = scenes_of(name, split, scenes)
+    code = code_digest(("ndtorch.vision", "ndtorch.scenes"))[:8]
+    sums, truth = [], []
+    for n, scene in enumerate(drawn):
+        file = folder / "sums" / f"{name.replace(' ', '-')}-{split}-{len(drawn)}-{n}-{seconds:g}s-{code}.npy"
+        sums.append(kept_sums(scene, seconds, file))
+        truth.append(scene().truth)
+    times = [float(n) for n in range(round(FIRST), math.floor(seconds) + 1)]
+    bars = np.array([len(one) for one in truth])[:, None]
+    rows: list[Row] = []
+    for method in methods:
+        chosen = METHODS[method](truth)
+        if isinstance(chosen, Offline):
+            found = window_answers(chosen, torch.stack(sums), truth, times)
+        else:
+            found = answers(chosen, torch.stack(sums), truth, times)
+        right = found.number == bars
+        changes = (np.diff(found.number, axis=1) != 0).sum() / max(1e-9, len(bars) * (times[-1] - times[0]) / 60)
+        rows.append(
+            {
+                "set": name,
+                "method": method,
+                "scenes": len(bars),
+                "seconds": seconds,
+                "count": float(right.mean()),
+                "ok": float(found.ok.mean()),
+                "throughout": float(right.all(1).mean()),
+                "changes": float(changes),
+            }
+        )
+    return rows
+
+
+COLUMNS = (
+    Column("set", "set"),
+    Column("method", "method"),
+    Column("scenes", "scenes"),
+    Column("seconds", "until, s", 0),
+    Column("count", "seconds right", 3, better=1),
+    Column("ok", "and every feature", 3, better=1),
+    Column("throughout", "scenes right throughout", 3, better=1),
+    Column("changes", "changes a minute", 1, better=-1),
+)
+
+
+def over_time_benchmark(
+    methods: Sequence[str], sets: Sequence[str], scenes: int, seconds: float, split: Split
+) -> Benchmark:
+    """The benchmark of some methods on some sets.
+
+    Raises:
+        InputError: an unknown method or set, or numbers out of range.
+    """
+    known("methods", methods, list(METHODS))
+    known("sets", sets, list(SETS))
+    if not FIRST < seconds <= LONGEST:
+        raise InputError(f"seconds must lie above {FIRST:g} and be at most {LONGEST:g}, got {seconds:g}")
+    for name in sets:
+        scenes_of(name, split, scenes)
+    tasks = [Task(name, functools.partial(measure, name, tuple(methods), split, scenes, seconds)) for name in sets]
+    note = (
+        f"Split {split}, rendered frames. Number and table of objects are read at every second from {FIRST:g} s to "
+        f"{seconds:g} s. seconds right: ratio of readings with the right number; and every feature: number and "
+        "features are right; scenes right throughout: ratio of scenes whose number is always right; changes a "
+        f"minute: of the number. Offline methods get the last {WINDOW:g} s."
+    )
+    settings = {"split": split, "scenes": scenes, "seconds": seconds, "methods": list(methods)}
+    uses = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading", MODELS)
+    return Benchmark("over-time", "Binding over time", note, COLUMNS, tasks, uses, settings=settings)
