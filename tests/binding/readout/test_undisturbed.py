@@ -28,6 +28,20 @@ def test_bars_that_pass_each_other_are_no_further_thing(bars: int) -> None:
     assert count(SumStatistics()(passing(14, 11.8, 13.8, bars))) == bars
 
 
+@pytest.mark.parametrize("bars", [2, 3])
+def test_bars_that_pass_each_other_again_and_again_are_no_further_thing(bars: int) -> None:
+    light = lights(24)
+    sums = light[:, :bars] @ MIXING[:bars]
+    since = torch.arange(len(light)) / 100 % 6.0
+    near = torch.where(since < 2, (since * torch.pi / 2).sin(), 0.0)  # two seconds of six, as in the papers' scene
+    # How far the filters reach over both changes with the distance, in every orientation another way.
+    shape = torch.stack([near, near**2, near**4], -1) @ torch.tensor(
+        [[0.7, 0.2, 1.0], [0.1, 0.8, -0.3], [-0.4, 0.3, 0.5]]
+    )
+    sums[:, 4:7] -= 0.15 * shape * (light[:, 0] * light[:, 1]).sqrt()[:, None]
+    assert count(SumStatistics()(100 * sums)) == bars
+
+
 def test_the_seconds_of_passing_are_left_out_and_the_rest_is_as_strong_as_before() -> None:
     limits = SumCriteria()
     with_it, without = (SumStatistics()(passing(14, begin, begin + 2.0, 2)).all for begin in (5.0, 20.0))
