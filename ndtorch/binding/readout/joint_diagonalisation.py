@@ -230,9 +230,9 @@ def sources_of(
     many = crowded(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits)
     if bound is not None:
         # Bars that pass each other hide a fourth source in all seconds together, not in the quietest ones.
-        most = bound.most.reshape(-1)
-        free = exact | (most == LINEAR.stop - LINEAR.start)
-        linear = torch.where(free, linear, torch.where(many & (most >= limits.crowd), most, linear.minimum(most)))
+        upper = bound.most.reshape(-1)
+        free = exact | (upper == LINEAR.stop - LINEAR.start)
+        linear = torch.where(free, linear, torch.where(many & (upper >= limits.crowd), upper, linear.minimum(upper)))
         many = many & free
     every = stands_out(flat[:, 0], flat[:, 1], limits.crowded, limits)
     light = even_light(flat[:, 1], linear, limits)
