@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ndtorch.errors import InputError
     from ndtorch.loading import load, model_names
     from ndtorch.navigation import Navigator, StereoRig
-    from ndtorch.vision import FEATURES, HassensteinReichardt, NDMin, OrientedDoG, VisualFeatures
+    from ndtorch.vision import FEATURES, HassensteinReichardt, NDMin, OrientedDoG, Sequential, VisualFeatures
 
 __version__ = "0.2.0"
 
@@ -26,6 +26,7 @@ __all__ = [
     "NDMin",
     "Navigator",
     "OrientedDoG",
+    "Sequential",
     "StereoRig",
     "VisualFeatures",
     "load",
@@ -45,6 +46,7 @@ if not TYPE_CHECKING:
                 "HassensteinReichardt",
                 "NDMin",
                 "OrientedDoG",
+                "Sequential",
                 "VisualFeatures",
             ),
         },

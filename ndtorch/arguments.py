@@ -33,18 +33,36 @@ WITHIN = f"within {LARGEST:g} of 0"
 
 USUAL = (torch.float32, torch.float64)
 
+PLAIN = (Tensor, torch.nn.Parameter)
 
-def check_tensor(name: str, value: object, *, half: bool = True, finite: bool = True) -> None:
+
+def has_values(value: Tensor) -> bool:
+    """Whether the numbers of a tensor can be looked at.
+
+    They cannot where a program is compiled or exported, of tensors on the device `meta`, and of those that
+    `FakeTensorMode` and the transforms of `torch.func` hand in.
+    """
+    if torch.compiler.is_compiling() or type(value) not in PLAIN or value.is_meta:
+        return False
+    try:
+        value.data_ptr()  # what `torch.vmap` and `torch.func.grad` wrap has none
+    except RuntimeError:
+        return False
+    return True
+
+
+def check_tensor(name: str, value: object, *, half: bool = True, finite: bool = True, meta: bool = False) -> None:
     """Raise `InputError` unless `value` is a dense floating point tensor of finite numbers.
 
-    Traced and compiled programs have no branches that depend on values: there, numbers are not looked at.
+    Numbers are looked at where there are any, see `has_values`.
 
     Args:
         name: of the argument, for the message.
         half: whether float16 and bfloat16 will do.
         finite: look for NaN and infinity, which costs one sum.
+        meta: whether a tensor without numbers will do.
     """
-    check_dense(name, value)
+    check_dense(name, value, meta=meta)
     assert isinstance(value, Tensor)
     if not value.is_floating_point():
         raise InputError(f"{name} must be floating point, got {value.dtype}")
@@ -54,13 +72,14 @@ def check_tensor(name: str, value: object, *, half: bool = True, finite: bool = 
         check_finite(name, value)
 
 
-def check_dense(name: str, value: object) -> None:
-    """Raise `InputError` unless `value` is a tensor that holds all of its numbers, of whatever type."""
+def check_dense(name: str, value: object, *, meta: bool = False) -> None:
+    """Raise `InputError` unless `value` is a tensor that holds all of its numbers, of whatever type; with `meta` also
+    where it holds none."""
     if not isinstance(value, Tensor):
         raise InputError(f"{name} must be a torch.Tensor, got {type(value).__name__}")
     if value.layout != torch.strided:
         raise InputError(f"{name} must be dense, got {value.layout}")
-    if value.is_meta and not torch.compiler.is_compiling():
+    if value.is_meta and not meta and not torch.compiler.is_compiling():
         raise InputError(f"{name} must hold numbers, got a meta tensor")
 
 
@@ -77,16 +96,17 @@ def check_kind(name: str, value: object, kind: type) -> None:
         raise InputError(f"{name} must be a {kind.__name__} or None, got {type(value).__name__}")
 
 
-def check_state(state: Any, kind: type) -> None:
+def check_state(state: Any, kind: type, *, meta: bool = False) -> None:
     """Raise `InputError` unless `state` is None or a named tuple of that class whose own tensors hold numbers.
 
-    Tuples within it are looked at by the module that they belong to, and sizes and types by filters.
+    Tuples within it are looked at by the module that they belong to, and sizes and types by filters. With `meta`,
+    tensors on the device `meta` will do.
     """
     check_kind("state", state, kind)
     if state is not None and not torch.compiler.is_compiling():
         for field, value in zip(state._fields, state, strict=True):
             if isinstance(value, Tensor):
-                check_dense(f"state.{field}", value)
+                check_dense(f"state.{field}", value, meta=meta)
 
 
 def check_batch(state: Any, batch: tuple[int, ...], *names: str) -> None:
@@ -103,8 +123,13 @@ def check_batch(state: Any, batch: tuple[int, ...], *names: str) -> None:
 
 
 def check_fits(name: str, value: Tensor, like: Tensor) -> None:
-    """Raise `InputError` unless a filter's memory is of the type of a sample, and of a size that goes with it."""
-    if torch.compiler.is_compiling() or (value.dtype == like.dtype and value.shape == like.shape):
+    """Raise `InputError` unless a filter's memory is on the device and of the type of a sample, and of a size that goes
+    with it."""
+    if torch.compiler.is_compiling():
+        return
+    if value.device != like.device:
+        raise InputError(f"{name} must be on {like.device} as the input is, got {value.device}")
+    if value.dtype == like.dtype and value.shape == like.shape:
         return
     if value.dtype != like.dtype:
         raise InputError(f"{name} must be {like.dtype} as the input is, got {value.dtype}")
@@ -120,7 +145,7 @@ def check_alike(name: str, value: Tensor, like: Tensor) -> None:
 
 def check_finite(name: str, value: Tensor) -> None:
     """Raise `InputError` where floating point numbers are NaN or infinite."""
-    if torch.compiler.is_compiling():
+    if not has_values(value):
         return
     if value.numel() == 1:
         # Several times quicker: what a car drove is looked at in every step.

@@ -1,12 +1,12 @@
 """Models as programs that run without this package: torch.export, AOTInductor and ONNX, chunk by chunk.
 
-`torch.export` takes every model but `foreground`, which finds blobs outside torch. The ONNX exporter of torch 2.13
-takes none as it is: it stops at `aten.alias` of a complex spectrum (orientation sums), for which it has no function,
-and says so itself.
+`torch.export` takes every model but `foreground`, which finds blobs outside torch. ONNX has no complex numbers:
+for it the orientation filters are products of real matrices, see `OrientedDoG.use_real_arithmetic`.
 """
 
 from __future__ import annotations
 
+import copy
 import io
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -22,6 +22,7 @@ from ndtorch.binding.models.base import BindingModel
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.files import replacing
 from ndtorch.utils.tensors import leaves, mapped
+from ndtorch.vision.orientation import OrientedDoG
 
 Format = Literal["pt2", "aoti", "onnx"]
 SUFFIXES: dict[str, str] = {"pt2": ".pt2", "aoti": ".aoti.pt2", "onnx": ".onnx"}
@@ -62,8 +63,7 @@ def export(
         model: the model, on the CPU.
         folder: where to write.
         format: "pt2" for `torch.export.load`, "aoti" for `torch._inductor.aoti_load_package` (a C++ compiler is needed
-            here, no Python there), "onnx" for ONNX (needs `pip install onnx onnxscript`, and
-            operators that are there: see the top of this file).
+            here, no Python there), "onnx" for ONNX (needs `pip install onnx onnxscript`).
         frames: frames of a chunk.
         batch: dimensions of a batch.
 
@@ -90,6 +90,11 @@ def export(
             f"{model.name} makes {rows:g} rows of {frames} frames at {model.fps:g} frames a second; "
             "a program needs one row a frame"
         )
+    if format == "onnx":
+        model = copy.deepcopy(model)
+        for part in model.modules():
+            if isinstance(part, OrientedDoG):
+                part.use_real_arithmetic()
     example = torch.rand(*batch, frames, 3, *model.size)
     try:
         place.mkdir(parents=True, exist_ok=True)

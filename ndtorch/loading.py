@@ -54,7 +54,8 @@ def load(
         border: "wrap" where the scene is a torus, "reflect" for video.
         backend: "numba" computes by compiled kernels, "torch" by tensor operations (gradients, GPU, export), "auto" by
             kernels wherever they can do the work.
-        options: other values for keys of its config.toml, and `first_stage`, a trained `FirstStage` or `[10, 10]`.
+        options: other values for keys of its config.toml, `first_stage`, a trained `FirstStage` or `[10, 10]`, and for
+            `published` a `rule`: the name of one, or a `LearningRule`.
 
     Raises:
         InputError: unknown name, missing or broken folder, or an option that the model does not have.

@@ -16,7 +16,7 @@ from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.object_files import ObjectFiles
 from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe
 from ndtorch.binding.readout.owners import object_table
-from ndtorch.binding.rules import ACTIVATIONS, LearningRule, learning_rule
+from ndtorch.binding.rules import ACTIVATIONS, RULES, LearningRule, learning_rule
 from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.spectrum import limit_spectral_radius, spectral_radius
 from ndtorch.binding.theory import separated, solutions
@@ -24,6 +24,7 @@ from ndtorch.utils.lazy import lazy
 
 __all__ = [
     "ACTIVATIONS",
+    "RULES",
     "Attention",
     "BindingInputs",
     "BindingModel",

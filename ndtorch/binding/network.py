@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Self
 
 import torch
@@ -31,6 +32,14 @@ from ndtorch.vision.temporal import low_pass_step, smoothing_factor
 
 MOST_NEURONS = 8192
 """Their weights are N x N: 256 MiB in single precision."""
+
+
+def learning(rule: Rule | str | None) -> Rule | None:
+    """A rule or the rule of a name; None where it changes nothing."""
+    rule = learning_rule(rule) if isinstance(rule, str) else rule
+    if rule is not None and not all(hasattr(rule, name) for name in ("name", "learns", "rate", "change")):
+        raise InputError(f"rule must be a learning rule, the name of one, or None, got {repr(rule)[:40]}")
+    return rule if rule is not None and rule.learns else None
 
 
 class InhibitoryNetwork(nn.Module):
@@ -127,12 +136,11 @@ class InhibitoryNetwork(nn.Module):
             raise InputError(f"with delayed feedback the weights change at every step of {dt} s, got every={every}")
         self.neurons, self.dt, self.shared, self.backend = neurons, dt, shared, check_backend(backend)
         self.a_in, self.a_rough = smoothing_factor(tau_in, dt, "tau_in"), smoothing_factor(tau_rough, dt, "tau_rough")
-        rule = learning_rule(rule) if isinstance(rule, str) else rule
         self.every = max(1, round(every / dt))
         self.output_low = BlockLowPass(smoothing_factor(tau_out, dt, "tau_out"), self.every)
         self.mean_square = BlockLowPass(smoothing_factor(tau_power, dt, "tau_power"), self.every)
         self.constants = Constants(
-            rule=rule if rule is not None and rule.learns else None,
+            rule=learning(rule),
             feedback=feedback,
             shared=shared,
             dt=dt,
@@ -146,6 +154,19 @@ class InhibitoryNetwork(nn.Module):
         )
         self.window_changes = max(1, round(window / (dt * self.every)))
         self.register_buffer("initial", initial)
+
+    @property
+    def rule(self) -> Rule | None:
+        """The learning rule; None where the weights are fixed. A rule, or the name of one, can be assigned.
+
+        Raises:
+            InputError: what is assigned is neither.
+        """
+        return self.constants.rule
+
+    @rule.setter
+    def rule(self, rule: Rule | str | None) -> None:
+        self.constants = replace(self.constants, rule=learning(rule))
 
     @classmethod
     def scale_free(cls, neurons: int = 10, dt: float = 0.01, rule: Rule | None = None, **options: Any) -> Self:

@@ -146,7 +146,7 @@ class LearningRule:
 
     def bounded(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
         """Negative weights become zero, single ones at most `LARGEST`; too large a spectral radius is scaled back."""
-        positive = weights.clamp_min(0) if math.isinf(self.radius_limit) else weights.clamp(0, LARGEST)
+        positive = weights.clamp_min(0) if math.isinf(self.radius_limit) else weights.clamp_min(0).clamp_max(LARGEST)
         return within_radius(positive, self.radius_limit)
 
 

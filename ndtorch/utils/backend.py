@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import has_values
 from ndtorch.errors import InputError
 
 Backend = Literal["auto", "numba", "torch"]
@@ -44,7 +45,8 @@ def set_backend(module: nn.Module, backend: str) -> None:
 
 
 def kernels_wanted(*tensors: Tensor, backend: Backend = "auto") -> bool:
-    """Whether kernels are to be used for these tensors: on the CPU, without gradients, outside of `torch.compile`.
+    """Whether kernels are to be used for these tensors: on the CPU, without gradients, and holding numbers
+    (see `has_values`).
 
     Raises:
         InputError: the backend is `numba`, and kernels cannot be used for them.
@@ -53,7 +55,10 @@ def kernels_wanted(*tensors: Tensor, backend: Backend = "auto") -> bool:
         return False
     if backend == "auto" and not switched_on():
         return False
-    possible = not any(not tensor.is_cpu or (tensor.requires_grad and torch.is_grad_enabled()) for tensor in tensors)
+    possible = not any(
+        not tensor.is_cpu or (tensor.requires_grad and torch.is_grad_enabled()) or not has_values(tensor)
+        for tensor in tensors
+    )
     if backend == "numba" and not possible:
         raise InputError("backend='numba' needs tensors on the CPU that need no gradient")
     return possible

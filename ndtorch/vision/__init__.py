@@ -9,6 +9,7 @@ from ndtorch.vision.motion import HassensteinReichardt, MotionState
 from ndtorch.vision.nondirectional import NDS, SPEED_SCALE, NDMin, NDMinus, NDSState, spatial_maximum
 from ndtorch.vision.orientation import ANGLES, OrientedDoG, dog_spectrum
 from ndtorch.vision.receptive_fields import LocalFeatures, field_weights
+from ndtorch.vision.sequential import Sequential, SequentialState
 from ndtorch.vision.temporal import (
     FilterState,
     HighPass,
@@ -45,6 +46,8 @@ __all__ = [
     "Resample",
     "ResampleState",
     "RunningMax",
+    "Sequential",
+    "SequentialState",
     "ShiftState",
     "SpeedCurve",
     "VisualFeatures",

@@ -40,8 +40,8 @@ def row_shift(earlier: Tensor, later: Tensor, min_contrast: float = 1e-3) -> Ten
     >>> float(row_shift(ramp, ramp - 0.5))
     0.5
     """
-    check_tensor("earlier", earlier)
-    check_tensor("later", later)
+    check_tensor("earlier", earlier, meta=True)
+    check_tensor("later", later, meta=True)
     if earlier.ndim < 3 or later.ndim < 3 or earlier.shape[-3:] != later.shape[-3:] or earlier.shape[-1] < 3:
         raise InputError(
             f"earlier and later must be of one shape [..., C, H, W >= 3], "
@@ -84,11 +84,11 @@ class ChahlSrinivasan(nn.Module):
         self.min_contrast = min_contrast
 
     def forward(self, x: Tensor, state: ShiftState | None = None) -> tuple[Tensor, ShiftState]:
-        check_state(state, ShiftState)
+        check_state(state, ShiftState, meta=True)
         dim = time_dim(x, 3)
         if x.shape[-1] < 3:
             raise InputError(f"x must be at least 3 pixels wide, got shape {tuple(x.shape)}")
-        check_tensor("x", x)
+        check_tensor("x", x, meta=True)
         first = x.select(dim, 0) if state is None else state.last
         check_alike("state.last", first, x.select(dim, 0))
         frames = torch.cat([first.unsqueeze(dim), x], dim)

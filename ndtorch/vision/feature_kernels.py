@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.utils.backend import Backend, kernels_wanted
+from ndtorch.utils.backend import kernels_wanted
 from ndtorch.vision._kernels_frame import FieldTables, PassConstants, front_end, local_sums
 from ndtorch.vision.decimation import Thinning
 from ndtorch.vision.frames import check_range, rows_apart
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
 
+if TYPE_CHECKING:
+    from ndtorch.vision.features import VisualFeatures
+
 KINDS = (torch.uint8, torch.float32, torch.float64)
 
 
-def one_pass_fits(frames: Tensor, state: MotionState | None, backend: Backend = "auto") -> bool:
+def one_pass_fits(frames: Tensor, state: MotionState | None, features: VisualFeatures) -> bool:
     """Whether frames `[T, 3, H, W]` and the state after the frame before them can go to the kernels."""
-    if frames.ndim != 4 or frames.dtype not in KINDS or not kernels_wanted(frames, *(state or ()), backend=backend):
+    if frames.ndim != 4 or frames.dtype not in KINDS:
+        return False
+    if not kernels_wanted(frames, *(state or ()), *features.parameters(), backend=features.backend):
         return False
     return state is None or all(s.shape == frames.shape[-2:] and s.dtype == image_kind(frames) for s in state)
 
@@ -120,8 +125,8 @@ def by_kernel(
         slow,
         delayed,
         PassConstants(
-            motion.a_high,
-            motion.a_low,
+            float(motion.a_high),
+            float(motion.a_low),
             motion.border == "wrap",
             thinning.blocks[0],
             thinning.margins,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_size, check_state
+from ndtorch.arguments import check_size, check_state, has_values
 from ndtorch.errors import InputError
 from ndtorch.utils.backend import Backend, check_backend
 from ndtorch.utils.tensors import keep_freed_memory
@@ -15,6 +15,7 @@ from ndtorch.vision.feature_kernels import fresh, image_kind, one_pass_fits, pas
 from ndtorch.vision.frames import as_float, check_frames, check_values, grey
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
 from ndtorch.vision.orientation import OrientedDoG
+from ndtorch.vision.temporal import Seconds
 
 FEATURES: tuple[str, ...] = (
     "left",
@@ -51,7 +52,7 @@ class VisualFeatures(nn.Module):
     Args:
         size: height and width of the frames in pixels.
         dt: seconds between frames.
-        tau_high, tau_low: time constants of the motion detectors, seconds.
+        tau_high, tau_low: time constants of the motion detectors, seconds; as `torch.nn.Parameter` they are learned.
         border: "wrap" for toroidal scenes, "reflect" for real video.
         exact: sum the orientation responses at full resolution instead of on a coarse grid (see `OrientedDoG`).
         center, surround: deviations of the orientation filters along and across, pixels.
@@ -75,8 +76,8 @@ class VisualFeatures(nn.Module):
         self,
         size: tuple[int, int] = (500, 500),
         dt: float = 0.01,
-        tau_high: float = 0.5,
-        tau_low: float = 0.05,
+        tau_high: Seconds = 0.5,
+        tau_low: Seconds = 0.05,
         border: Border = "wrap",
         exact: bool = False,
         center: tuple[float, float] = (19.0, 6.0),
@@ -100,12 +101,12 @@ class VisualFeatures(nn.Module):
         return f"size={self.size}, backend={self.backend}"
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
-        check_state(state, MotionState)
-        frames = check_frames(frames, self.size, values=False)
+        check_state(state, MotionState, meta=True)
+        frames = check_frames(frames, self.size, values=False, half=False)
         batch = frames.shape[:-4]
         if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:
             return self._each(frames, state)
-        if (self.orientation.paired or self.orientation.exact) and one_pass_fits(frames, state, self.backend):
+        if (self.orientation.paired or self.orientation.exact) and one_pass_fits(frames, state, self):
             return self._one_pass(frames, state)
         check_values(frames)
         sums = []
@@ -123,7 +124,7 @@ class VisualFeatures(nn.Module):
 
     def images(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         """Feature images `[..., T, 10, H, W]`, non-negative; their sums over space are what `forward` gives."""
-        frames = as_float(check_frames(frames, self.size))
+        frames = as_float(check_frames(frames, self.size, half=False))
         image = grey(frames)
         high, delayed, state = self.motion.scan(image, state)
         motion = self.motion.images(high, delayed)
@@ -181,5 +182,5 @@ class VisualFeatures(nn.Module):
 
 def check_finite(sums: Tensor) -> None:
     """Raise `InputError` where a pixel was not finite: one look at the sums finds it, they carry NaN and infinity."""
-    if not torch.compiler.is_compiling() and not torch.isfinite(sums).all():
+    if has_values(sums) and not torch.isfinite(sums).all():
         raise InputError("frames must be finite, got NaN or infinite values")

@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import USUAL, check_dense
+from ndtorch.arguments import USUAL, check_dense, has_values
 from ndtorch.errors import InputError
 
 SLACK = 0.01
@@ -30,7 +30,7 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None, values: bo
         InputError: wrong type, number of dimensions, channel count or size, no frame at all, or floats that are not in
             0..1, such as those of 0..255.
     """
-    check_dense("frames", frames)
+    check_dense("frames", frames, meta=True)
     if frames.dtype != torch.uint8 and frames.dtype not in USUAL:
         raise InputError(f"frames must be float32 or float64 in 0..1, or uint8, got {frames.dtype}")
     if frames.ndim < 4:
@@ -51,11 +51,11 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None, values: bo
 
 
 def check_values(frames: Tensor) -> None:
-    """`check_range` of floats, unless they are being exported or compiled.
+    """`check_range` of floats whose values can be looked at, see `has_values`.
 
-    Such programs have no branches that depend on values: the check is for those who call them.
+    Compiled and exported programs have no branches that depend on values: the check is for those who call them.
     """
-    if frames.is_floating_point() and not torch.compiler.is_compiling():
+    if frames.is_floating_point() and has_values(frames):
         check_range(frames)
 
 
@@ -87,8 +87,8 @@ def frames_in(frames: Tensor, dtype: torch.dtype) -> Tensor:
     Floats that are pictures of 8 bits become uint8, since the first fluctuations are no larger than the last digits of
     what `1 / 255` makes of them. Frames that nothing can take are left to `check_frames`.
     """
-    usable = isinstance(frames, Tensor) and frames.layout == torch.strided and not frames.is_meta
-    if not usable or frames.dtype not in (*USUAL, torch.uint8) or torch.compiler.is_compiling():
+    usable = isinstance(frames, Tensor) and frames.layout == torch.strided and has_values(frames)
+    if not usable or frames.dtype not in (*USUAL, torch.uint8):
         return frames
     if is_of_bytes(frames):
         frames = (frames * 255).round_().to(torch.uint8)

@@ -9,8 +9,8 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_fits, check_state
 from ndtorch.errors import InputError
-from ndtorch.vision.frames import as_float, check_frames, grey
-from ndtorch.vision.temporal import low_pass_step, smoothing_factor
+from ndtorch.vision.frames import as_float, check_frames, grey, like
+from ndtorch.vision.temporal import Seconds, SmoothingFactor, keep_time, low_pass_step, shown
 
 Border = Literal["wrap", "reflect"]
 BORDERS: tuple[Border, ...] = ("wrap", "reflect")
@@ -33,7 +33,9 @@ class MotionState(NamedTuple):
     delayed: Tensor
 
 
-def motion_step(image: Tensor, state: MotionState, a_high: float, a_low: float) -> tuple[Tensor, Tensor, MotionState]:
+def motion_step(
+    image: Tensor, state: MotionState, a_high: float | Tensor, a_low: float | Tensor
+) -> tuple[Tensor, Tensor, MotionState]:
     """One step of the detectors' temporal filters. [B eq. 7-8]
 
     Returns the high-passed image PH, its low-passed copy PHL and the new state; all `[..., H, W]`.
@@ -52,7 +54,7 @@ def correlate(high: Tensor, delayed: Tensor, dim: int) -> Tensor:
     """
     n = high.shape[dim] - 1
     forward = high.narrow(dim, 1, n) * delayed.narrow(dim, 0, n)
-    return forward.addcmul_(high.narrow(dim, 0, n), delayed.narrow(dim, 1, n), value=-1)
+    return torch.addcmul(forward, high.narrow(dim, 0, n), delayed.narrow(dim, 1, n), value=-1)
 
 
 def wrapped_edge(image: Tensor, dim: int) -> Tensor:
@@ -69,7 +71,7 @@ def signed_sums(high: Tensor, delayed: Tensor, border: Border) -> Tensor:
         if border == "wrap":
             # The last line and the first, where the torus closes.
             edge = high.select(dim, 0) * delayed.select(dim, -1)
-            edge.addcmul_(high.select(dim, -1), delayed.select(dim, 0), value=-1)
+            edge = torch.addcmul(edge, high.select(dim, -1), delayed.select(dim, 0), value=-1)
             total, size = total + edge.sum(-1), size + edge.abs_().sum(-1)
         sums += [total, size]
     return torch.stack(sums, -1)
@@ -83,7 +85,7 @@ class HassensteinReichardt(nn.Module):
 
     Args:
         dt: seconds between frames.
-        tau_high, tau_low: time constants in seconds.
+        tau_high, tau_low: time constants in seconds; numbers, or tensors, which as `torch.nn.Parameter` are learned.
         border: "wrap" correlates the last with the first row and column (toroidal scenes); with "reflect"
             those pairs are left out and their pixels are zero (real video).
 
@@ -93,20 +95,27 @@ class HassensteinReichardt(nn.Module):
     """
 
     directions: Tensor
+    a_high, a_low = SmoothingFactor("tau_high"), SmoothingFactor("tau_low")
+    tau_high: Seconds
+    tau_low: Seconds
+    dt: Seconds
 
     def __init__(
         self,
-        dt: float = 0.01,
-        tau_high: float = 0.5,
-        tau_low: float = 0.05,
+        dt: Seconds = 0.01,
+        tau_high: Seconds = 0.5,
+        tau_low: Seconds = 0.05,
         border: Border = "wrap",
     ) -> None:
         super().__init__()
         check_border(border)
-        self.dt, self.border = dt, border
-        self.a_high = smoothing_factor(tau_high, dt, "tau_high")
-        self.a_low = smoothing_factor(tau_low, dt, "tau_low")
-        self.register_buffer("directions", torch.tensor(BY_DIRECTION))
+        self.border = border
+        keep_time(self, tau_high=tau_high, tau_low=tau_low, dt=dt)
+        self.register_buffer("directions", torch.tensor(BY_DIRECTION), persistent=False)
+
+    def extra_repr(self) -> str:
+        taus = f"tau_high={shown(self.tau_high)}, tau_low={shown(self.tau_low)}"
+        return f"dt={shown(self.dt)}, {taus}, border={self.border!r}"
 
     def start(self, image: Tensor) -> MotionState:
         """State settled on one grey image `[..., H, W]`."""
@@ -114,17 +123,18 @@ class HassensteinReichardt(nn.Module):
 
     def scan(self, images: Tensor, state: MotionState | None) -> tuple[Tensor, Tensor, MotionState]:
         """Run the temporal filters over grey images `[..., T, H, W]`; returns PH, PHL and the state."""
-        check_state(state, MotionState)
+        check_state(state, MotionState, meta=True)
         frames = images.unbind(-3)
         state = self.start(frames[0]) if state is None else state
         for name, kept in zip(state._fields, state, strict=True) if frames else ():
             check_fits(f"state.{name}", kept, frames[0])
+        a_high, a_low = self.a_high, self.a_low
         if len(frames) == 1:
-            high, delayed, state = motion_step(frames[0], state, self.a_high, self.a_low)
+            high, delayed, state = motion_step(frames[0], state, a_high, a_low)
             return high.unsqueeze(-3), delayed.unsqueeze(-3), state
         highs, delays = [], []
         for image in frames:
-            high, delayed, state = motion_step(image, state, self.a_high, self.a_low)
+            high, delayed, state = motion_step(image, state, a_high, a_low)
             highs.append(high)
             delays.append(delayed)
         return torch.stack(highs, -3), torch.stack(delays, -3), state
@@ -157,4 +167,5 @@ class HassensteinReichardt(nn.Module):
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         image = grey(as_float(check_frames(frames)))
         high, delayed, state = self.scan(image, state)
-        return self.images(high, delayed), state
+        # Half precision goes in and comes out; the filters compute in single precision.
+        return like(self.images(high, delayed), frames), state

@@ -8,12 +8,16 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ndtorch.arguments import check_fits, check_number, check_state, check_tensor
+from ndtorch.arguments import check_fits, check_state, check_tensor
 from ndtorch.vision.temporal import (
     FilterState,
     HighPass,
     LowPass,
+    Seconds,
+    SmoothingFactor,
+    keep_time,
     low_pass_step,
+    shown,
     smoothing_factor,
     time_dim,
 )
@@ -31,8 +35,9 @@ class NDMin(nn.Module):
         State: one frame. `None` settles the sensor on the first frame, so a constant scene gives zero.
 
     Args:
-        tau_high: time constant of the high-pass in seconds, 0 to inf.
-        dt: time step in seconds.
+        tau_high: time constant of the high-pass in seconds, 0 to inf; a number, or a tensor, which as a
+            `torch.nn.Parameter` is learned.
+        dt: time step in seconds, a number or a tensor.
 
     Raises:
         InputError: time constants out of range, or x that is not a dense floating point tensor of finite numbers with
@@ -45,18 +50,21 @@ class NDMin(nn.Module):
     tensor([False, False,  True,  True, False])
     """
 
-    def __init__(self, tau_high: float = 0.005, dt: float = 1 / 30) -> None:
+    a = SmoothingFactor("tau_high")
+    tau_high: Seconds
+    dt: Seconds
+
+    def __init__(self, tau_high: Seconds = 0.005, dt: Seconds = 1 / 30) -> None:
         super().__init__()
-        self.a = smoothing_factor(tau_high, dt, "tau_high")
-        self.tau_high, self.dt = tau_high, dt
+        keep_time(self, tau_high=tau_high, dt=dt)
 
     def extra_repr(self) -> str:
-        return f"tau_high={self.tau_high}, dt={self.dt}"
+        return f"tau_high={shown(self.tau_high)}, dt={shown(self.dt)}"
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
-        check_state(state, FilterState)
+        check_state(state, FilterState, meta=True)
         dim = time_dim(x, 3)
-        check_tensor("x", x)
+        check_tensor("x", x, meta=True)
         return self.scan(x, state, dim)
 
     def scan(self, x: Tensor, state: FilterState | None, dim: int) -> tuple[Tensor, FilterState]:
@@ -66,9 +74,9 @@ class NDMin(nn.Module):
         low = samples[0] if state is None else state.low
         if samples:
             check_fits("state.low", low, samples[0])
-        out = []
+        out, a = [], self.a
         for sample in samples:
-            low = low_pass_step(sample, low, self.a)
+            low = low_pass_step(sample, low, a)
             out.append(sample - low)
         return torch.stack(out, dim), FilterState(low)
 
@@ -81,9 +89,9 @@ class NDMinus(nn.Module):
     Shapes, arguments, state and errors as `NDMin`.
     """
 
-    def __init__(self, tau_high: float = 0.005, dt: float = 1 / 30) -> None:
+    def __init__(self, tau_high: Seconds = 0.005, dt: Seconds = 1 / 30) -> None:
         super().__init__()
-        check_number("tau_high", tau_high, least=0, unit="seconds", endless=True)
+        smoothing_factor(tau_high, dt, "tau_high")
         self.high_pass = HighPass(tau_high, dt)
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
@@ -113,15 +121,14 @@ class NDS(nn.Module):
     Shapes and errors as `NDMin`.
     """
 
-    def __init__(self, tau_high: float = 0.005, tau_low: float = 0.0, dt: float = 1 / 30) -> None:
+    def __init__(self, tau_high: Seconds = 0.005, tau_low: Seconds = 0.0, dt: Seconds = 1 / 30) -> None:
         super().__init__()
-        check_number("tau_high", tau_high, least=0, unit="seconds", endless=True)
-        self.high_pass = HighPass(tau_high, dt)
-        check_number("tau_low", tau_low, least=0, unit="seconds", endless=True)
-        self.low_pass = LowPass(tau_low, dt)
+        for name, tau in (("tau_high", tau_high), ("tau_low", tau_low)):
+            smoothing_factor(tau, dt, name)
+        self.high_pass, self.low_pass = HighPass(tau_high, dt), LowPass(tau_low, dt)
 
     def forward(self, x: Tensor, state: NDSState | None = None) -> tuple[Tensor, NDSState]:
-        check_state(state, NDSState)
+        check_state(state, NDSState, meta=True)
         high, high_state = self.high_pass(x, None if state is None else state.high)
         low, low_state = self.low_pass(high, None if state is None else state.low)
         padded = F.pad(low, (1, 1))

@@ -25,8 +25,9 @@ from ndtorch.vision.decimation import (
     thinning_gain,
 )
 from ndtorch.vision.fft_pairs import PairFields, field_sums, halves, pair_up, pair_weights, responses, weighted_sums
-from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.frames import as_float, check_frames, grey, like
 from ndtorch.vision.motion import Border, check_border
+from ndtorch.vision.real_dft import RealFilter
 
 ANGLES: tuple[float, ...] = (0.0, 60.0, 120.0)
 """Preferred orientations in degrees, counter-clockwise from vertical. [B §2.1.2]"""
@@ -38,13 +39,16 @@ OFFSETS = (0.0, 0.5)
 # Pixels a side below which responses are not thinned out.
 SMALL = 384
 
+Deviations = tuple[float, float] | Tensor
+"""Standard deviations along and across the long axis of a filter, pixels."""
+
 
 def dog_spectrum(
     rows: Tensor,
     columns: Tensor,
     angle: float,
-    center: tuple[float, float] = (19.0, 6.0),
-    surround: tuple[float, float] = (22.0, 9.0),
+    center: Deviations = (19.0, 6.0),
+    surround: Deviations = (22.0, 9.0),
 ) -> Tensor:
     """Fourier transform of a difference of Gaussians with its long axis at `angle`. [B eq. 14-16]
 
@@ -64,7 +68,7 @@ def dog_spectrum(
     along = -columns * math.sin(angle) - rows * math.cos(angle)
     across = columns * math.cos(angle) - rows * math.sin(angle)
 
-    def gaussian(sigma: tuple[float, float]) -> Tensor:
+    def gaussian(sigma: Deviations) -> Tensor:
         return torch.exp(-2 * math.pi**2 * ((sigma[0] * along) ** 2 + (sigma[1] * across) ** 2))
 
     return gaussian(center) - gaussian(surround)
@@ -73,6 +77,15 @@ def dog_spectrum(
 def highest_up(frequencies: Tensor) -> Tensor:
     """Frequencies in cycles a pixel with 1/2 for -1/2."""
     return frequencies.where(frequencies > -0.5, -frequencies)
+
+
+def numbers(deviations: Deviations) -> tuple[float, float]:
+    """Deviations as numbers."""
+    if not isinstance(deviations, Tensor):
+        return deviations
+    if deviations.shape != (2,):
+        raise InputError(f"center and surround must hold two standard deviations, got {tuple(deviations.shape)}")
+    return float(deviations[0]), float(deviations[1])
 
 
 class OrientedDoG(nn.Module):
@@ -87,7 +100,8 @@ class OrientedDoG(nn.Module):
     Args:
         size: height and width of the frames, pixels.
         angles: preferred orientations, degrees counter-clockwise from vertical.
-        center, surround: standard deviations along and across the long axis, pixels.
+        center, surround: standard deviations along and across the long axis, pixels: two numbers, or a tensor `[2]`,
+            which as a `torch.nn.Parameter` is learned; then responses are summed exactly.
         border: "wrap" (toroidal scenes) or "reflect" (real video: the image is mirrored at its edges).
         exact: sum the full-resolution responses.
 
@@ -102,8 +116,12 @@ class OrientedDoG(nn.Module):
     (torch.Size([1, 3, 100, 100]), 0)
     """
 
-    spectrum: Tensor
+    fixed_spectrum: Tensor
     fast_spectrum: Tensor
+    row_frequencies: Tensor
+    column_frequencies: Tensor
+    exact_filter: RealFilter | None
+    fast_filter: RealFilter | None
     row_weights: Tensor
     column_weights: Tensor
     pair_filters: Tensor
@@ -114,13 +132,16 @@ class OrientedDoG(nn.Module):
         self,
         size: tuple[int, int],
         angles: tuple[float, ...] = ANGLES,
-        center: tuple[float, float] = (19.0, 6.0),
-        surround: tuple[float, float] = (22.0, 9.0),
+        center: Deviations = (19.0, 6.0),
+        surround: Deviations = (22.0, 9.0),
         border: Border = "wrap",
         exact: bool = False,
     ) -> None:
         super().__init__()
         check_border(border)
+        self.learned = isinstance(center, Tensor) or isinstance(surround, Tensor)
+        self.center, self.surround = center, surround
+        center, surround = numbers(center), numbers(surround)
         if not (isinstance(angles, tuple | list) and angles and all(map(is_finite, angles))):
             raise InputError(f"angles must be degrees, one or more, got {repr(angles)[:40]}")
         if not all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in (center, surround)) or not all(
@@ -130,19 +151,17 @@ class OrientedDoG(nn.Module):
             raise InputError(f"center and surround must hold two positive standard deviations each, got {given}")
         check_size("size", size, 1)
         sigmas = (*center, *surround)
-        self.size, self.border, self.exact = size, border, exact
+        self.size, self.border, self.exact = size, border, exact or self.learned
+        self.exact_filter = self.fast_filter = None
         # Mirrored margins reach three sigma, but never further than there is image to mirror.
         wanted = 0 if border == "wrap" else math.ceil(3 * max(sigmas))
         self.margin = tuple(smooth_margin(n, wanted) for n in size)
-        self.padded = tuple(n + 2 * m for n, m in zip(size, self.margin, strict=True))
-        radians = [math.radians(a) for a in angles]
+        self.padded = (size[0] + 2 * self.margin[0], size[1] + 2 * self.margin[1])
+        self.radians = radians = [math.radians(a) for a in angles]
         rows, columns = torch.fft.fftfreq(self.padded[0]), torch.fft.rfftfreq(self.padded[1])
-        # The highest frequency is its own mirror image: what a tilted filter does to it is the mean over both signs.
-        signs = [(r[:, None], c) for r in (rows, highest_up(rows)) for c in (columns, -highest_up(-columns))]
-        full = torch.stack(
-            [torch.stack([dog_spectrum(*s, a, center, surround) for s in signs]).mean(0) for a in radians]
-        )
-        self.register_buffer("spectrum", full)
+        self.register_buffer("fixed_spectrum", self.full_spectrum(rows, columns, center, surround), persistent=False)
+        self.register_buffer("row_frequencies", rows, persistent=False)
+        self.register_buffer("column_frequencies", columns, persistent=False)
 
         spacing = min(sigmas) / 1.08
         # A small image is cheap as it is, and has too few responses for errors to average out.
@@ -166,16 +185,16 @@ class OrientedDoG(nn.Module):
         down, across = (start - (block - 1) / 2 for start, block in zip(self.starts, self.blocks, strict=True))
         turns = [rows[:, None] * (cells[0] * o + down) + columns * (cells[1] * o + across) for o in OFFSETS]
         shifts = torch.stack([torch.polar(torch.ones_like(turn), 2 * math.pi * turn) for turn in turns])
-        self.register_buffer("fast_spectrum", shifts.unsqueeze(1) * fast / len(OFFSETS))
+        self.register_buffer("fast_spectrum", shifts.unsqueeze(1) * fast / len(OFFSETS), persistent=False)
         lines = zip(self.padded, self.grid, self.margin, self.starts, cells, strict=True)
         for name, (n, g, m, start, cell) in zip(("row_weights", "column_weights"), lines, strict=True):
             weights = torch.stack([inside_weights(n, g, m, o + start / cell) for o in OFFSETS])
-            self.register_buffer(name, weights.float())
+            self.register_buffer(name, weights.float(), persistent=False)
         inside = (self.row_weights, self.column_weights)
         if border == "wrap":  # nothing lies outside
             inside = (torch.ones_like(self.row_weights), torch.ones_like(self.column_weights))
-        self.register_buffer("pair_filters", halves(pair_up(self.fast_spectrum, self.grid[1])))
-        self.register_buffer("pair_weights", pair_weights(*inside))
+        self.register_buffer("pair_filters", halves(pair_up(self.fast_spectrum, self.grid[1])), persistent=False)
+        self.register_buffer("pair_weights", pair_weights(*inside), persistent=False)
 
     def extra_repr(self) -> str:
         return f"size={self.size}, border={self.border!r}, exact={self.exact}, grid={self.grid}"
@@ -188,9 +207,33 @@ class OrientedDoG(nn.Module):
 
     def responses(self, image: Tensor) -> Tensor:
         """The same of images that have their mirrored margins already, and with margins around what comes out."""
+        if self.exact_filter is not None:
+            exact: Tensor = self.exact_filter(image.unsqueeze(-3))
+            return exact
         spectrum = torch.fft.rfft2(image).unsqueeze(-3) * self.spectrum
         response: Tensor = torch.fft.irfft2(spectrum, s=self.padded)
         return response
+
+    @property
+    def spectrum(self) -> Tensor:
+        """The filters in the frequency domain, `[3, h, w // 2 + 1]`; of learned deviations computed anew."""
+        if not self.learned:
+            return self.fixed_spectrum
+        return self.full_spectrum(self.row_frequencies, self.column_frequencies, self.center, self.surround)
+
+    def full_spectrum(self, rows: Tensor, columns: Tensor, center: Deviations, surround: Deviations) -> Tensor:
+        """`dog_spectrum` of every angle. The highest frequency is its own mirror image: what a tilted filter does to it
+        is the mean over both signs."""
+        signs = [(r[:, None], c) for r in (rows, highest_up(rows)) for c in (columns, -highest_up(-columns))]
+        each = [torch.stack([dog_spectrum(*s, a, center, surround) for s in signs]).mean(0) for a in self.radians]
+        return torch.stack(each)
+
+    def use_real_arithmetic(self) -> None:
+        """Filter by real matrices in place of FFTs from now on, for exporters that know no complex numbers; slower."""
+        self.exact_filter = RealFilter(self.padded, self.spectrum.detach(), self.padded)
+        if not self.exact:
+            size = (self.padded[0] // self.blocks[0], self.padded[1] // self.blocks[1])
+            self.fast_filter = RealFilter(size, self.fast_spectrum, (self.grid[0], self.grid[1]))
 
     def sums(self, image: Tensor) -> Tensor:
         """Sums over space of the magnitudes, `[..., 3]`, of grey images `[..., H, W]`."""
@@ -209,6 +252,9 @@ class OrientedDoG(nn.Module):
         Every value stands for the pixels around its place (`places`): summed up they are the sums of `sums`.
         """
         image = thin_columns(thin_rows(self._pad(image), self.blocks[0]), self.blocks[1])
+        if self.fast_filter is not None:
+            fast: Tensor = self.fast_filter(image[..., None, None, :, :])
+            return fast.abs()
         spectrum = low_rows(self._columns(image), self.grid[0])[..., None, None, :, :]
         # irfft2 divides by the grid's points and a sum has that many fewer terms: the two cancel.
         size: Tensor = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid).abs_()
@@ -256,7 +302,7 @@ class OrientedDoG(nn.Module):
         return found[0], found[1]
 
     def forward(self, frames: Tensor) -> Tensor:
-        return self.images(grey(as_float(check_frames(frames, self.size))))
+        return like(self.images(grey(as_float(check_frames(frames, self.size)))), frames)
 
     def _pad(self, image: Tensor) -> Tensor:
         if self.border == "wrap":

@@ -8,7 +8,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_state, check_tensor
+from ndtorch.arguments import check_number, check_state, check_tensor, has_values
 from ndtorch.errors import InputError
 from ndtorch.vision._kernels_frame import FieldTables
 from ndtorch.vision.feature_kernels import field_pass, fresh, one_pass_fits, together
@@ -144,9 +144,9 @@ class LocalFeatures(nn.Module):
             self.register_buffer(name, weights)
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
-        check_state(state, MotionState)
-        frames = check_frames(frames, self.features.size, values=False)
-        if self.features.orientation.paired and one_pass_fits(frames, state, self.features.backend):
+        check_state(state, MotionState, meta=True)
+        frames = check_frames(frames, self.features.size, values=False, half=False)
+        if self.features.orientation.paired and one_pass_fits(frames, state, self.features):
             return self._together(*self._one_pass(frames, state))
         check_values(frames)
         signals = []
@@ -162,7 +162,7 @@ class LocalFeatures(nn.Module):
     def _together(self, signals: Tensor, state: MotionState) -> tuple[Tensor, MotionState]:
         """Signals `[..., T, 10, R, C']` as they are given, if all are numbers."""
         out = signals.movedim(-3, -1)
-        if not torch.compiler.is_compiling() and not torch.isfinite(out).all():
+        if has_values(out) and not torch.isfinite(out).all():
             raise InputError("frames must be finite, got NaN or infinite values")
         return out, state
 

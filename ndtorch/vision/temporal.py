@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from ndtorch.arguments import (
     check_number,
     check_state,
     check_tensor,
+    has_values,
     is_finite,
     is_number,
     rows_in,
@@ -34,14 +35,26 @@ def safe_sqrt(x: Tensor) -> Tensor:
     return x.where(positive, 1.0).sqrt().where(positive, 0.0)
 
 
-def smoothing_factor(tau: float, dt: float, name: str = "tau") -> float:
+Seconds = float | Tensor
+"""A time constant or a time step: a number that is fixed, or a tensor that gradients can reach."""
+
+
+@overload
+def smoothing_factor(tau: float, dt: float, name: str = "tau") -> float: ...
+
+
+@overload
+def smoothing_factor(tau: Seconds, dt: Seconds, name: str = "tau") -> float | Tensor: ...
+
+
+def smoothing_factor(tau: Seconds, dt: Seconds, name: str = "tau") -> float | Tensor:
     """Share of the new sample that a first-order low-pass takes in, `a = dt / (tau + dt)`.
 
     This is the backward Euler form, so every `tau >= 0` is stable: `tau = 0` lets the input through
     unchanged and `tau = inf` never moves away from the first sample. [A Methods; B §2.2]
 
     Args:
-        tau: time constant in seconds, 0 to inf.
+        tau: time constant in seconds, 0 to inf; of a tensor what is negative counts as 0.
         dt: time step in seconds, > 0.
         name: of the time constant, for messages.
 
@@ -51,16 +64,61 @@ def smoothing_factor(tau: float, dt: float, name: str = "tau") -> float:
     >>> smoothing_factor(tau=0.75, dt=0.25)
     0.25
     """
-    if not (is_finite(dt) and dt > 0):
+    if isinstance(dt, Tensor):
+        check_tensor("dt", dt, meta=True)
+    elif not (is_finite(dt) and dt > 0):
         raise InputError(f"dt must be a positive number of seconds, got {repr(dt)[:40]}")
+    if isinstance(tau, Tensor):
+        check_tensor(name, tau, meta=True)
+        return dt / (tau.clamp_min(0) + dt)
     if not (is_number(tau) and tau >= 0):
         raise InputError(f"{name} must be >= 0 seconds, got {repr(tau)[:40]}")
     return dt / (tau + dt)
 
 
-def low_pass_step(x: Tensor, low: Tensor, a: float) -> Tensor:
+class SmoothingFactor:
+    """`a = dt / (tau + dt)` of a module's time constant: a number, or computed at every use where either is a tensor.
+
+    As an attribute of the class: `a = SmoothingFactor("tau")`; the module has the attributes `tau` and `dt`, which
+    `keep_time` sets.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __get__(self, module: Any, owner: type) -> Any:
+        if module is None:
+            return self
+        fixed = module.__dict__.get(f"_{self.name}_share")
+        return smoothing_factor(getattr(module, self.name), module.dt, self.name) if fixed is None else fixed
+
+
+def keep_time(module: nn.Module, **seconds: Seconds) -> None:
+    """Set time constants and `dt` as attributes of a module: parameters stay parameters, other tensors are buffers.
+
+    Raises:
+        InputError: one of them is out of range.
+    """
+    for name, value in seconds.items():
+        if isinstance(value, Tensor) and not isinstance(value, nn.Parameter):
+            module.register_buffer(name, value)
+        else:
+            setattr(module, name, value)
+    for name in seconds.keys() - {"dt"}:
+        share = smoothing_factor(seconds[name], seconds["dt"], name)
+        module.__dict__[f"_{name}_share"] = None if isinstance(share, Tensor) else share
+
+
+def shown(seconds: Seconds) -> str:
+    """A time constant in a `repr`."""
+    if isinstance(seconds, Tensor):
+        return f"{seconds.item():.4g}" if seconds.numel() == 1 and has_values(seconds) else f"{tuple(seconds.shape)}"
+    return f"{seconds:g}"
+
+
+def low_pass_step(x: Tensor, low: Tensor, a: float | Tensor) -> Tensor:
     """One step of a first-order low-pass, `low + a (x - low)`; the shapes broadcast."""
-    return torch.lerp(low, x, a)
+    return torch.lerp(low, x, a.to(x.dtype) if isinstance(a, Tensor) else a)
 
 
 class FilterState(NamedTuple):
@@ -76,6 +134,11 @@ class LowPass(nn.Module):
         x `[..., T, *sample]`, where `sample` has `sample_dims` dimensions: 3 for frames (C, H, W), 1 for
         signals (N). Output as x. State `[..., *sample]`; `None` settles the filter on the first sample.
 
+    Args:
+        tau: time constant in seconds, 0 to inf; a number, or a tensor that broadcasts against a sample. A
+            `torch.nn.Parameter` is learned: it is in `parameters()`.
+        dt: time step in seconds, a number or a tensor.
+
     Raises:
         InputError: time constants out of range, or x that is not a dense floating point tensor of finite numbers with
             at least `sample_dims + 1` dimensions.
@@ -85,28 +148,33 @@ class LowPass(nn.Module):
     tensor([0.0000, 0.3333, 0.5556])
     """
 
-    def __init__(self, tau: float, dt: float, sample_dims: int = 3) -> None:
+    a = SmoothingFactor("tau")
+    tau: Seconds
+    dt: Seconds
+
+    def __init__(self, tau: Seconds, dt: Seconds, sample_dims: int = 3) -> None:
         super().__init__()
         check_number("sample_dims", sample_dims, least=0, whole=True)
-        self.a = smoothing_factor(tau, dt)
-        self.tau, self.dt, self.sample_dims = tau, dt, sample_dims
+        keep_time(self, tau=tau, dt=dt)
+        self.sample_dims = sample_dims
 
     def extra_repr(self) -> str:
-        return f"tau={self.tau}, dt={self.dt}, sample_dims={self.sample_dims}"
+        return f"tau={shown(self.tau)}, dt={shown(self.dt)}, sample_dims={self.sample_dims}"
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
-        check_state(state, FilterState)
+        check_state(state, FilterState, meta=True)
         dim = time_dim(x, self.sample_dims)
-        check_tensor("x", x)
+        check_tensor("x", x, meta=True)
+        a = self.a
         samples = x.unbind(dim)
         low = samples[0] if state is None else state.low
         if samples:
             check_fits("state.low", low, samples[0])
-        if self.a == 1.0:
+        if not isinstance(a, Tensor) and a == 1.0:
             return x, FilterState(samples[-1] if samples else low)
         out = []
         for sample in samples:
-            low = low_pass_step(sample, low, self.a)
+            low = low_pass_step(sample, low, a)
             out.append(low)
         # One sample needs no copy.
         return low.unsqueeze(dim) if len(out) == 1 else torch.stack(out, dim), FilterState(low)
@@ -122,7 +190,7 @@ class HighPass(nn.Module):
     tensor([0.0000, 0.6667, 0.4444])
     """
 
-    def __init__(self, tau: float, dt: float, sample_dims: int = 3) -> None:
+    def __init__(self, tau: Seconds, dt: Seconds, sample_dims: int = 3) -> None:
         super().__init__()
         self.low_pass = LowPass(tau, dt, sample_dims)
 
@@ -152,12 +220,16 @@ class RunningMax(nn.Module):
         super().__init__()
         if not (is_finite(dt) and dt > 0 and is_finite(seconds) and seconds >= 0):
             raise InputError(f"seconds must be >= 0 and dt > 0, got seconds={seconds}, dt={dt}")
+        self.seconds, self.dt = seconds, dt
         self.window = rows_in("seconds", seconds, dt)
 
+    def extra_repr(self) -> str:
+        return f"seconds={self.seconds:g}, dt={self.dt:g}"
+
     def forward(self, x: Tensor, state: RecentMaxState | None = None) -> tuple[Tensor, RecentMaxState]:
-        check_state(state, RecentMaxState)
+        check_state(state, RecentMaxState, meta=True)
         time_dim(x, 1)
-        check_tensor("x", x)
+        check_tensor("x", x, meta=True)
         length = self.window - 1
         if state is None:
             state = RecentMaxState(x[..., :1, :].expand(*x.shape[:-2], length, x.shape[-1]))
@@ -171,7 +243,7 @@ class RunningMax(nn.Module):
 
 def time_dim(x: Tensor, sample_dims: int, name: str = "x") -> int:
     """Index of the time dimension, counted from the front; raises `InputError` when there is none."""
-    check_dense(name, x)
+    check_dense(name, x, meta=True)
     if x.ndim < sample_dims + 1:
         names = {1: "[..., T, N]", 3: "[..., T, C, H, W]"}.get(sample_dims, f"{sample_dims + 1} dims or more")
         raise InputError(f"{name} must be a tensor of shape {names}, got {tuple(x.shape)}")
@@ -215,13 +287,17 @@ class Resample(nn.Module):
         for name, value in (("dt_in", dt_in), ("dt_out", dt_out)):
             if not (is_finite(value) and value > 0):
                 raise InputError(f"{name} must be a positive number of seconds, got {repr(value)[:40]}")
+        self.dt_in, self.dt_out = dt_in, dt_out
         self.ratio = dt_out / dt_in
         self.identity = math.isclose(dt_in, dt_out, rel_tol=1e-9)
 
+    def extra_repr(self) -> str:
+        return f"dt_in={self.dt_in:g}, dt_out={self.dt_out:g}"
+
     def forward(self, x: Tensor, state: ResampleState | None = None) -> tuple[Tensor, ResampleState]:
-        check_state(state, ResampleState)
+        check_state(state, ResampleState, meta=True)
         time_dim(x, 1)
-        check_tensor("x", x)
+        check_tensor("x", x, meta=True)
         if self.identity:
             steps = counter(0) if state is None else state.taken
             return x, ResampleState(x[..., -1, :], steps + x.shape[-2], steps + x.shape[-2])

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import USUAL, as_path
 from ndtorch.binding.objects import BoundObject, ObjectTable
+from ndtorch.binding.rules import Rule
 from ndtorch.config import ModelConfig, config_text
 from ndtorch.errors import InputError
 from ndtorch.utils.backend import Backend
@@ -117,6 +118,14 @@ class BindingModel(nn.Module, ABC):
     @abstractmethod
     def build(cls, config: Any, first_stage: Tensor | None) -> Self:
         """The model of that config, and of first-stage weights `[10, 10]` if it is `trained`."""
+
+    def use_rule(self, rule: Rule) -> None:
+        """Learn by a rule of your own.
+
+        Raises:
+            InputError: this model has its own.
+        """
+        raise InputError(f"{self.name} has a learning rule of its own")
 
     @property
     def size(self) -> tuple[int, int]:

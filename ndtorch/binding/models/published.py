@@ -86,8 +86,15 @@ class PublishedModel(WholeFieldModel):
         super().__init__(c, first_stage, c.network.dt)
         # The inputs come high-passed. The three networks are one with weights inside the groups only.
         self.first = InhibitoryNetwork(10, self.dt, None, tau_in=float("inf"), initial=self.first_weights)
-        self.second = second_stage(c, gamma, rule)
-        self._given_rule, self._given_gamma = None if rule is None else rule.name, gamma is not None
+        self.second = second_stage(c, gamma)
+        self._given_rule: str | None = None
+        self._given_gamma = gamma is not None
+        if rule is not None:
+            self.use_rule(rule)
+
+    def use_rule(self, rule: Rule) -> None:
+        """Learn by a rule of your own, in place of the config's."""
+        self.second.rule, self._given_rule = rule, rule.name
 
     def save(self, path: str | Path, overwrite: bool = False) -> None:
         """As in the contract.
@@ -136,20 +143,17 @@ class PublishedModel(WholeFieldModel):
         return ~(alternation(second) <= r.alternating), unchanged & (second.weights.amax((-1, -2)) >= r.learned_weight)
 
 
-def second_stage(
-    config: PublishedConfig, gamma: float | Tensor | None = None, rule: Rule | None = None
-) -> InhibitoryNetwork:
+def second_stage(config: PublishedConfig, gamma: float | Tensor | None = None) -> InhibitoryNetwork:
     """The second stage of the published model, untrained.
 
     Args:
         gamma: learning rates `[...]` in place of the configuration's, one for every trial of a batch.
-        rule: in place of the configuration's.
     """
     n, r = config.network, config.readout
     return InhibitoryNetwork(
         10,
         n.dt,
-        rule=rule or config_rule(n, gamma),
+        rule=config_rule(n, gamma),
         tau_in=n.tau_in,
         tau_out=n.tau_out,
         settle=n.settle,

@@ -37,7 +37,7 @@ def load_folder(path: str | Path, options: Mapping[str, Any]) -> BindingModel:
 
     Args:
         path: a folder with config.toml and, of a kind with a first stage, weights.safetensors.
-        options: keys of its config, and `first_stage`.
+        options: keys of its config, `first_stage`, and `rule` as an object of models that have the key.
 
     Raises:
         InputError: folder or file missing, unknown kind, weights missing or of the wrong shape, an option that the
@@ -50,13 +50,17 @@ def load_folder(path: str | Path, options: Mapping[str, Any]) -> BindingModel:
     if stage is not None and not kind.trained:
         raise InputError(f"{name} has no option first_stage; {having('first_stage')} have it")
     known = option_places(kind.config_type)
+    rule = rest.pop("rule") if "rule" in known and not isinstance(rest.get("rule", ""), str) else None
     for option in rest:
         if option not in known and option not in old_keys(kind.config_type):
             raise InputError(unknown(option, name, list(known)))
     config = with_options(validated(kind.config_type, data | {"model": name}, str(where)), rest)
     if kind.trained:
         stage = read_first_stage(folder / "weights.safetensors") if stage is None else first_stage_weights(stage)
-    return kind.build(config, stage)
+    model = kind.build(config, stage)
+    if rule is not None:
+        model.use_rule(rule)
+    return model
 
 
 def kind_of(folder: Path) -> str:

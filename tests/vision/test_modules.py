@@ -1,0 +1,234 @@
+"""The modules of `ndtorch.vision` as PyTorch users use modules: in a row, traced, transformed, learned, exported."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor, nn
+from torch._subclasses.fake_tensor import FakeTensorMode
+
+import ndtorch
+from ndtorch.errors import InputError
+from ndtorch.export import export
+from ndtorch.utils.tensors import leaves
+from ndtorch.vision import (
+    NDS,
+    ChahlSrinivasan,
+    HassensteinReichardt,
+    HighPass,
+    LocalFeatures,
+    LowPass,
+    NDMin,
+    NDMinus,
+    OrientedDoG,
+    Resample,
+    RunningMax,
+    Sequential,
+    VisualFeatures,
+)
+
+SIZE = (24, 30)
+
+
+def noise(*shape: int, seed: int = 0) -> Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed))
+
+
+FILM, ROWS, SIGNALS = noise(5, 3, *SIZE), noise(5, 1, 4, 12), noise(5, 4)
+MODULES: dict[str, tuple[Callable[[], nn.Module], Tensor]] = {
+    "NDMin": (NDMin, ROWS),
+    "NDMinus": (NDMinus, ROWS),
+    "NDS": (NDS, ROWS),
+    "LowPass": (lambda: LowPass(0.1, 0.05), ROWS),
+    "HighPass": (lambda: HighPass(0.1, 0.05), ROWS),
+    "RunningMax": (lambda: RunningMax(0.2, 0.05), SIGNALS),
+    "Resample": (lambda: Resample(0.02, 0.05), SIGNALS),
+    "ChahlSrinivasan": (ChahlSrinivasan, ROWS),
+    "HassensteinReichardt": (HassensteinReichardt, FILM),
+    "OrientedDoG": (lambda: OrientedDoG(SIZE), FILM),
+    "VisualFeatures": (lambda: VisualFeatures(SIZE), FILM),
+    "LocalFeatures": (lambda: LocalFeatures(VisualFeatures(SIZE), 4), FILM),
+}
+each = pytest.mark.parametrize("name", MODULES)
+
+
+def output(module: nn.Module, x: Tensor) -> Tensor:
+    out = module(x)
+    return out[0] if isinstance(out, tuple) else out
+
+
+@each
+def test_vmap_is_a_loop(name: str) -> None:
+    make, x = MODULES[name]
+    module, batch = make(), torch.stack([x, x.flip(0), 1 - x])
+    mapped = torch.vmap(lambda one: output(module, one))(batch)
+    torch.testing.assert_close(mapped, torch.stack([output(module, one) for one in batch]))
+
+
+@each
+def test_without_numbers_shapes_come_out(name: str) -> None:
+    """On the device meta, and in FakeTensorMode."""
+    make, x = MODULES[name]
+    expected = output(make(), x)
+    out = output(make().to("meta"), x.to("meta"))
+    assert out.is_meta
+    assert out.shape == expected.shape
+    with FakeTensorMode(allow_non_fake_inputs=True) as mode:
+        fake = output(make(), mode.from_tensor(x))
+    assert (fake.shape, fake.dtype) == (expected.shape, expected.dtype)
+
+
+@each
+def test_half_precision_comes_out_or_is_refused(name: str) -> None:
+    make, x = MODULES[name]
+    if name in ("VisualFeatures", "LocalFeatures"):  # a sum over an image overflows it
+        with pytest.raises(InputError, match="frames must be uint8, float32 or float64"):
+            make()(x.half())
+    else:
+        out = output(make(), x.half())
+        assert out.dtype == torch.float16
+        torch.testing.assert_close(out.float(), output(make(), x.half().float()), atol=2e-3, rtol=1e-2)
+
+
+def test_repr_shows_the_time_constants() -> None:
+    assert repr(HassensteinReichardt(tau_low=0.2)) == (
+        "HassensteinReichardt(dt=0.01, tau_high=0.5, tau_low=0.2, border='wrap')"
+    )
+    learned = NDMin(nn.Parameter(torch.tensor(0.25)), dt=0.5)
+    assert repr(learned) == "NDMin(tau_high=0.25, dt=0.5)"
+
+
+def test_weights_do_not_depend_on_the_size_of_frames() -> None:
+    learned = OrientedDoG(SIZE, center=nn.Parameter(torch.tensor([5.0, 2.0])))
+    other = OrientedDoG((40, 20), center=nn.Parameter(torch.tensor([9.0, 3.0])))
+    other.load_state_dict(learned.state_dict())
+    assert torch.equal(other.center, learned.center)  # type: ignore[arg-type]
+    assert OrientedDoG(SIZE).state_dict() == {}
+
+
+LEARNED: dict[str, tuple[Callable[..., nn.Module], tuple[str, ...], Tensor]] = {
+    "LowPass": (lambda tau: LowPass(tau, 0.05), ("tau",), noise(4, 1, 2, 5)),
+    "NDMin": (lambda tau_high, dt: NDMin(tau_high, dt), ("tau_high", "dt"), noise(4, 1, 2, 5)),
+    "NDS": (lambda high, low: NDS(high, low, 0.05), ("high_pass.low_pass.tau", "low_pass.tau"), noise(4, 1, 2, 5)),
+    "HassensteinReichardt": (
+        lambda high, low: HassensteinReichardt(0.05, high, low),
+        ("tau_high", "tau_low"),
+        noise(4, 1, 5, 6),
+    ),
+    "VisualFeatures": (
+        lambda high, low: VisualFeatures((12, 14), 0.05, high, low).double(),
+        ("motion.tau_high", "motion.tau_low"),
+        noise(4, 3, 12, 14),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_time_constants_are_learned(name: str) -> None:
+    """They are parameters, and their gradients are those of finite differences."""
+    make, names, x = LEARNED[name]
+    taus = [nn.Parameter(torch.tensor(0.11 + 0.07 * n, dtype=torch.float64)) for n in range(len(names))]
+    module = make(*taus)
+    assert {key for key, _ in module.named_parameters()} == set(names)
+
+    def outputs(*values: Tensor) -> Tensor:
+        return torch.func.functional_call(module, dict(zip(names, values, strict=True)), (x.double(),))[0]
+
+    assert torch.autograd.gradcheck(outputs, tuple(taus), eps=1e-6, atol=1e-5)
+
+
+def test_deviations_of_orientation_filters_are_learned() -> None:
+    center = nn.Parameter(torch.tensor([4.0, 1.5], dtype=torch.float64))
+    filters = OrientedDoG((12, 14), center=center, surround=(6.0, 3.0)).double()
+    fixed = OrientedDoG((12, 14), center=(4.0, 1.5), surround=(6.0, 3.0)).double()
+    x = noise(1, 1, 12, 14).double()
+    torch.testing.assert_close(filters(x), fixed(x), atol=1e-6, rtol=1e-5)
+    assert torch.autograd.gradcheck(lambda c: torch.func.functional_call(filters, {"center": c}, (x,)), (center,))
+
+
+def test_a_time_constant_for_each_channel() -> None:
+    x, taus = noise(6, 3, 2, 2), torch.tensor([0.0, 0.1, 0.4])
+    together, _ = LowPass(taus[:, None, None], 0.05)(x)
+    for channel, tau in enumerate(taus.tolist()):
+        torch.testing.assert_close(together[:, channel], LowPass(tau, 0.05)(x[:, channel : channel + 1])[0][:, 0])
+
+
+def test_a_sequential_hands_on_states() -> None:
+    """In chunks as at once, and as by hand."""
+    convolution = nn.Conv2d(4, 2, 3)
+    network = Sequential(HassensteinReichardt(), convolution, LowPass(0.1, 0.05), nn.Flatten())
+    at_once, _ = network(FILM)
+    first, state = network(FILM[:2])
+    second, _ = network(FILM[2:], state)
+    torch.testing.assert_close(torch.cat([first, second]), at_once)
+    motion, _ = HassensteinReichardt()(FILM)
+    torch.testing.assert_close(at_once, LowPass(0.1, 0.05)(convolution(motion))[0].flatten(1))
+    with pytest.raises(InputError, match="state must hold 2 parts"):
+        Sequential(NDMin(), nn.ReLU())(ROWS, state)
+
+
+def test_filters_by_real_matrices_are_those_of_ffts() -> None:
+    for size, border, options in (
+        (SIZE, "wrap", {}),
+        ((31, 40), "reflect", {}),
+        ((400, 410), "reflect", {"center": (6.0, 4.0), "surround": (9.0, 6.0)}),
+    ):
+        usual, real = (OrientedDoG(size, border=border, **options) for _ in range(2))  # type: ignore[arg-type]
+        real.use_real_arithmetic()
+        image = noise(2, *size)
+        torch.testing.assert_close(real.images(image), usual.images(image), atol=2e-5, rtol=1e-4)
+        torch.testing.assert_close(real.sums(image), usual.sums(image), rtol=1e-4, atol=1e-3)
+
+
+class First(nn.Module):
+    """The output alone: what a program of one chunk gives."""
+
+    def __init__(self, module: nn.Module) -> None:
+        super().__init__()
+        self.module = module
+        if isinstance(module, OrientedDoG):
+            module.use_real_arithmetic()
+
+    def forward(self, x: Tensor) -> Tensor:
+        return output(self.module, x)
+
+
+def by_onnx(path: Path, *inputs: Tensor) -> list[Any]:
+    runtime = pytest.importorskip("onnxruntime")
+    session = runtime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    names = [one.name for one in session.get_inputs()]
+    found: list[Any] = session.run(None, dict(zip(names, (x.numpy() for x in inputs), strict=True)))
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in MODULES if name not in ("VisualFeatures", "LocalFeatures")])
+def test_onnx_gives_the_same(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("onnxscript")
+    make, x = MODULES[name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.onnx.export(First(make()), (x,), tmp_path / "module.onnx", dynamo=True, verbose=False)
+    (found,) = by_onnx(tmp_path / "module.onnx", x)
+    torch.testing.assert_close(torch.from_numpy(found), output(make(), x), atol=2e-5, rtol=1e-4)
+
+
+@pytest.mark.long
+def test_the_published_model_runs_as_onnx(tmp_path: Path) -> None:
+    pytest.importorskip("onnxscript")
+    model = ndtorch.load("published", size=SIZE, settle=0.0, tau_onset=0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        _, following = export(model, tmp_path, "onnx", len(FILM))
+    # Motion of the second frame of all is zero but for rounding, and is divided by its own largest.
+    with torch.no_grad():
+        _, state = model(FILM)
+        signals, _ = model(FILM.flip(0), state)
+    found = by_onnx(following, FILM.flip(0), *leaves(state).values())
+    for ours, theirs in zip(signals, found, strict=False):
+        torch.testing.assert_close(torch.from_numpy(theirs), ours, atol=1e-4, rtol=1e-3)
