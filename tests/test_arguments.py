@@ -191,7 +191,8 @@ BAD: dict[str, Callable[[Tensor], Any]] = {
 
 
 def outcome(part: str, kind: str) -> str:
-    """What came of one bad argument: "" where it was refused by name, or where half precision gave finite numbers."""
+    """What came of one bad argument: "" where it was refused by name, where half precision gave finite numbers, or
+    where shapes alone came of shapes alone."""
     name, give, good = PARTS[part]
     try:
         with warnings.catch_warnings():
@@ -201,6 +202,8 @@ def outcome(part: str, kind: str) -> str:
         return "" if any(one in str(error) for one in name.split("|")) else f"not named: {error}"
     except Exception as error:
         return f"{type(error).__name__}: {error}"
+    if kind == "meta" and any(x.is_meta for x in numbers(out)):
+        return ""
     if kind == "half":
         return "" if all(map(finite, numbers(out))) else "silent NaN"
     return "taken"

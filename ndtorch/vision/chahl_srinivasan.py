@@ -42,6 +42,8 @@ def row_shift(earlier: Tensor, later: Tensor, min_contrast: float = 1e-3) -> Ten
     """
     check_tensor("earlier", earlier, meta=True)
     check_tensor("later", later, meta=True)
+    if earlier.device != later.device:
+        raise InputError(f"earlier and later must be on one device, got {earlier.device} and {later.device}")
     if earlier.ndim < 3 or later.ndim < 3 or earlier.shape[-3:] != later.shape[-3:] or earlier.shape[-1] < 3:
         raise InputError(
             f"earlier and later must be of one shape [..., C, H, W >= 3], "

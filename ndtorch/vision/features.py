@@ -102,7 +102,7 @@ class VisualFeatures(nn.Module):
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState, meta=True)
-        frames = check_frames(frames, self.size, values=False, half=False)
+        frames = check_frames(frames, self.size, values=False, device=self.orientation.device)
         batch = frames.shape[:-4]
         if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:
             return self._each(frames, state)
@@ -124,7 +124,7 @@ class VisualFeatures(nn.Module):
 
     def images(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         """Feature images `[..., T, 10, H, W]`, non-negative; their sums over space are what `forward` gives."""
-        frames = as_float(check_frames(frames, self.size, half=False))
+        frames = as_float(check_frames(frames, self.size, device=self.orientation.device))
         image = grey(frames)
         high, delayed, state = self.motion.scan(image, state)
         motion = self.motion.images(high, delayed)

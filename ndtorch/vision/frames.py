@@ -17,7 +17,9 @@ NEAR = 1e-4
 """How far from a whole number of 255 parts a float may lie that is one: some times its last digit."""
 
 
-def check_frames(frames: Tensor, size: tuple[int, int] | None = None, values: bool = True) -> Tensor:
+def check_frames(
+    frames: Tensor, size: tuple[int, int] | None = None, values: bool = True, device: torch.device | None = None
+) -> Tensor:
     """Return `frames` as `[..., T, 3, H, W]`, grey input replicated to three channels.
 
     Args:
@@ -25,12 +27,15 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None, values: bo
             picture to the last bit of uint8, and is refused.
         size: wanted height and width, or None for any.
         values: look at floats whether they are in 0..1; without, `check_values` does.
+        device: where they must be, that of the module's own tensors; None for anywhere.
 
     Raises:
         InputError: wrong type, number of dimensions, channel count or size, no frame at all, or floats that are not in
             0..1, such as those of 0..255.
     """
     check_dense("frames", frames, meta=True)
+    if device is not None and frames.device != device:
+        raise InputError(f"frames must be on {device} as the module is, got {frames.device}")
     if frames.dtype != torch.uint8 and frames.dtype not in USUAL:
         raise InputError(f"frames must be float32 or float64 in 0..1, or uint8, got {frames.dtype}")
     if frames.ndim < 4:

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_fits, check_state
 from ndtorch.errors import InputError
-from ndtorch.vision.frames import as_float, check_frames, grey, like
+from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.temporal import Seconds, SmoothingFactor, keep_time, low_pass_step, shown
 
 Border = Literal["wrap", "reflect"]
@@ -167,5 +167,4 @@ class HassensteinReichardt(nn.Module):
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         image = grey(as_float(check_frames(frames)))
         high, delayed, state = self.scan(image, state)
-        # Half precision goes in and comes out; the filters compute in single precision.
-        return like(self.images(high, delayed), frames), state
+        return self.images(high, delayed), state

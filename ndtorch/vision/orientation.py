@@ -25,7 +25,7 @@ from ndtorch.vision.decimation import (
     thinning_gain,
 )
 from ndtorch.vision.fft_pairs import PairFields, field_sums, halves, pair_up, pair_weights, responses, weighted_sums
-from ndtorch.vision.frames import as_float, check_frames, grey, like
+from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
 from ndtorch.vision.real_dft import RealFilter
 
@@ -215,6 +215,11 @@ class OrientedDoG(nn.Module):
         return response
 
     @property
+    def device(self) -> torch.device:
+        """Where the filters are."""
+        return self.fixed_spectrum.device
+
+    @property
     def spectrum(self) -> Tensor:
         """The filters in the frequency domain, `[3, h, w // 2 + 1]`; of learned deviations computed anew."""
         if not self.learned:
@@ -302,7 +307,7 @@ class OrientedDoG(nn.Module):
         return found[0], found[1]
 
     def forward(self, frames: Tensor) -> Tensor:
-        return like(self.images(grey(as_float(check_frames(frames, self.size)))), frames)
+        return self.images(grey(as_float(check_frames(frames, self.size, device=self.device))))
 
     def _pad(self, image: Tensor) -> Tensor:
         if self.border == "wrap":
