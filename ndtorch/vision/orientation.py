@@ -85,7 +85,8 @@ def numbers(deviations: Deviations) -> tuple[float, float]:
         return deviations
     if deviations.shape != (2,):
         raise InputError(f"center and surround must hold two standard deviations, got {tuple(deviations.shape)}")
-    return float(deviations[0]), float(deviations[1])
+    along, across = deviations.tolist()
+    return along, across
 
 
 class OrientedDoG(nn.Module):
