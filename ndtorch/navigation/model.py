@@ -363,4 +363,4 @@ def in_tensors(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
     """Ranges `[..., 1, n]` and poses `[..., 1]` of one frame, for the maps."""
     if isinstance(ranges.x, Tensor):
         return Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(part.unsqueeze(-1) for part in pose))
-    return Ranges(*(torch.from_numpy(part).unsqueeze(0) for part in ranges)), Pose(*(torch.tensor([v]) for v in pose))
+    return Ranges(*(torch.from_numpy(part[None]) for part in ranges)), Pose(*torch.tensor(pose).unsqueeze(-1).unbind())

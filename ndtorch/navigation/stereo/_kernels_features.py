@@ -56,8 +56,8 @@ def feature_ranges(
     settle: bool,
     low: Array,
     new_low: Array,
-    numbers: FeatureNumbers,
-    geometry: RowGeometry,
+    numbers: Array,
+    geometry: Array,
     out: Array,
     valid: Array,
 ) -> float:
@@ -67,9 +67,10 @@ def feature_ranges(
         frames: `tops[0]` is the row that is read of both.
         settle: the filters start at rest on these rows.
         low, new_low: states of the filters, `[2, W]`.
+        numbers, geometry: `packed` `FeatureNumbers` and `RowGeometry`.
         out: becomes range, left and right angle, x and y, `[5, n]`; `valid`: `[n]`.
     """
-    p, width = numbers, low.shape[1]
+    p, width = numbers[0], low.shape[1]
     rows, motion = np.empty((2, width), low.dtype), np.empty(width, low.dtype)
     now, before, after = rows.reshape(-1), low.reshape(-1), new_low.reshape(-1)
     column, strength = np.empty((2, p.features), low.dtype), np.empty((2, p.features), low.dtype)
@@ -88,7 +89,7 @@ def feature_ranges(
         strongest(motion, bits, p, column[eye], strength[eye])
         describe(rows[eye], column[eye], strength[eye], p, patch[eye], good[eye])
     match(column, patch, good, p, out[0], valid)
-    triangulate(column[0], geometry, out, valid)
+    triangulate(column[0], geometry[0], out, valid)
     return float(most) if frames.left.itemsize == 1 or is_finite(rows) else np.nan
 
 
@@ -101,17 +102,17 @@ def triangulate(column: Array, geometry: RowGeometry, out: Array, valid: Array) 
         valid: `[n]`; what is not valid, or does not meet ahead, becomes 0.
     """
     kind = out.dtype.type
-    axis, factor, baseline, forward, exact = geometry
-    middle = kind(axis)
+    g = geometry
+    factor, baseline, middle = kind(g.factor), g.baseline, kind(g.axis)
     for i in range(len(column)):
-        left, right = (middle - column[i]) * kind(factor), (middle - out[0, i]) * kind(factor)
-        if exact:
+        left, right = (middle - column[i]) * factor, (middle - out[0, i]) * factor
+        if g.exact:
             left, right = kind(math.atan(left)), kind(math.atan(right))
         valid[i] = valid[i] and right > left
         if valid[i]:
             distance = kind(baseline) * math.cos(right) / math.sin(right - left)
             out[0, i], out[1, i], out[2, i] = distance, left, right
-            out[3, i] = kind(forward) + distance * math.cos(left)
+            out[3, i] = kind(g.forward) + distance * math.cos(left)
             out[4, i] = kind(baseline / 2) + distance * math.sin(left)
         else:
             out[0, i] = out[1, i] = out[2, i] = out[3, i] = out[4, i] = 0

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.navigation.stereo._kernels import Array, Frames, grey_row
-from ndtorch.navigation.stereo._kernels_features import RowGeometry, triangulate
+from ndtorch.navigation.stereo._kernels_features import triangulate
 from ndtorch.utils.jit import jit
 
 Floats = npt.NDArray[np.float32]
@@ -55,7 +55,7 @@ def search_ranges(
     frames: Frames,
     count: int,
     numbers: SearchNumbers,
-    geometry: RowGeometry,
+    geometry: Array,
     horizon: Array,
     out: Array,
     valid: Array,
@@ -65,6 +65,7 @@ def search_ranges(
     Args:
         frames: `tops[0]` is the first row that is read of both.
         count: how many rows.
+        geometry: `packed` `RowGeometry`.
         horizon: becomes the middle rows, `[2, W]`.
         out: becomes range, left and right angle, x and y, `[5, n]`; `valid`: `[n]`.
     """
@@ -84,7 +85,7 @@ def search_ranges(
     column = np.empty(n, out.dtype)
     for i in range(n):
         column[i], out[0, i], valid[i] = found[0, i], found[1, i], found[0, i] > 0
-    triangulate(column, geometry, out, valid)
+    triangulate(column, geometry[0], out, valid)
     return float(most)
 
 

@@ -28,6 +28,7 @@ from ndtorch.navigation.stereo.strips import (
     grey_pair,
     row_rect,
 )
+from ndtorch.utils.jit import packed
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
 
@@ -140,14 +141,17 @@ class StereoRanging(nn.Module):
         )
         exact = angles == "atan"
         factor = math.cos(rig.pitch) / rig.focal if exact else rig.pixel_angle
-        self.geometry = RowGeometry(rig.center[0], factor, rig.baseline, rig.forward, exact)
+        self.geometry = packed(
+            RowGeometry(float(rig.center[0]), factor, float(rig.baseline), float(rig.forward), exact)
+        )
         f, m = self.features, self.matching
         # Nearer the border, a partner with the smallest disparity would lie outside the other row.
         self.border = math.ceil(m.min_disparity_px) if f.shared else 0
         limits = (float(m.min_disparity_px), float(m.max_disparity_px), m.one_to_one, float(m.max_error))
         places = (f.edge_reach_px, self.border, f.ahead_count, *self.band)
-        self.numbers = FeatureNumbers(
-            f.count, f.spacing_px, float(f.min_motion), float(f.min_difference), *places, *limits, self.nd_min.a
+        least = (float(f.min_motion), float(f.min_difference))
+        self.numbers = packed(
+            FeatureNumbers(f.count, f.spacing_px, least[0], least[1], *places, *limits, self.nd_min.a)
         )
         self.searched = None if search is None else search.numbers(self.band)
 
@@ -201,7 +205,7 @@ class StereoRanging(nn.Module):
             out, valid = np.empty((5, self.searched.places), np.float32), np.empty(self.searched.places, np.bool_)
             peak = search_ranges(rows, rect.bottom - rect.top, self.searched, self.geometry, low, out, valid)
         else:
-            out, valid = np.empty((5, self.numbers.features), np.float32), np.empty(self.numbers.features, np.bool_)
+            out, valid = np.empty((5, self.features.count), np.float32), np.empty(self.features.count, np.bool_)
             before = low if state is None else checked(state.rows, low.shape)
             peak = feature_ranges(rows, state is None, before, low, self.numbers, self.geometry, out, valid)
         check_peak(peak)

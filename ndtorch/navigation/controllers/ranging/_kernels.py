@@ -94,6 +94,7 @@ class RangingTables(NamedTuple):
     """All that is fixed of a step.
 
     Attributes:
+        decision: `packed` `DecisionNumbers`.
         x, y: places of the cells of floor, of the floor under the car, and of the arcs, body frame, m.
         under: how many places there are under the car.
     """
@@ -101,7 +102,7 @@ class RangingTables(NamedTuple):
     floor: FloorNumbers
     grid: GridNumbers
     arcs: Primitives
-    decision: DecisionNumbers
+    decision: Array
     x: Array
     y: Array
     under: int
@@ -222,7 +223,7 @@ def decide(
     Args:
         lengths, pose, driven, state: of `remember`.
     """
-    p, s, floor = tables.decision, state, tables.floor
+    p, s, floor = tables.decision[0], state, tables.floor
     free, known = lengths[0], lengths[1]
     difference = float(free[1] + free[2] - free[3] - free[4])
     difference += p.known_ratio * float(known[1] + known[2] - known[3] - known[4])
@@ -306,7 +307,7 @@ def limit(
     if learning:
         # Who has begun comes nearer to what is ahead while it learns: it shall not stand there again, and for good.
         begun = floor.age > p.standing + 1
-        if ahead < (START_GOES_ON if begun else 1.0) * tables.decision.start_needs:
+        if ahead < (START_GOES_ON if begun else 1.0) * tables.decision[0].start_needs:
             floor, stands = FloorState(np.zeros_like(floor.level), floor.noise, min(floor.age, p.standing)), True
     mode = STOPPED if stands else state.mode
     if stands:

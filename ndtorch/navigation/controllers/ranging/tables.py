@@ -13,6 +13,7 @@ from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.local_grid._kernels import LINE_FROM, LINE_PLACES, LINE_TO, GridNumbers
 from ndtorch.navigation.local_grid.motion_primitives import motion_primitives
 from ndtorch.navigation.stereo.rig import StereoRig
+from ndtorch.utils.jit import packed
 
 
 def ranging_tables(
@@ -35,7 +36,7 @@ def ranging_tables(
         floor_numbers(rig, p, view, dt),
         grid_numbers(rig, p, dt, seen_through),
         primitives,
-        decision_numbers(p, dt),
+        packed(decision_numbers(p, dt)),
         np.concatenate((view.x.numpy().ravel(), x.ravel(), primitives.x)).astype(np.float32),
         np.concatenate((view.y.numpy().ravel(), y.ravel(), primitives.y)).astype(np.float32),
         x.size,
