@@ -59,7 +59,7 @@ class Navigator(nn.Module):
         controller: the name of a controller (`controller_names`), or one that was made for this rig and step.
         params: parameters of the controller that is named, an instance of its `Params`.
         search: range by searching the right row instead of matching features.
-        features, matching: parameters of the ranging. `FeatureParams(7, edge_reach=4, shared=True)` ranges better
+        features, matching: parameters of the ranging. `FeatureParams(7, edge_reach_px=4, shared=True)` ranges better
             than the published default.
         angles: `"atan"` (exact) or `"linear"` (as published).
         grid_map, observations, tracker: parts to fill with the ranges; none by default.

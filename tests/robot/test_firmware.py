@@ -3,11 +3,14 @@
 import os
 import re
 import select
+import shutil
 import subprocess
 import time
 
+import numpy as np
 import pytest
 
+from ndtorch.cli.commands import main
 from ndtorch_robot.link.messages import (
     BODY_SIZE,
     VERSION,
@@ -20,7 +23,9 @@ from ndtorch_robot.link.messages import (
 )
 from ndtorch_robot.link.receiver import Parser
 from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.run import real_time_priority
 from tests.robot.support.avr_board import AvrBoard
+from tests.robot.support.bench import bench, ordinary_priority
 from tests.robot.support.board_needed import FIRMWARE, needs_board
 
 
@@ -43,6 +48,89 @@ def test_own_tests_on_a_board():
     assert "checks passed, int has 16 bits" in done.stdout
     assert "30 drives" in done.stdout
     assert "0 accepted that were not sent" in done.stdout
+
+
+def changed(folder, file, old, new):
+    """A copy of the firmware with that change in it."""
+    shutil.copytree(FIRMWARE, folder, ignore=shutil.ignore_patterns("build"))
+    text = (folder / file).read_text()
+    assert len(re.findall(old, text)) == 1
+    (folder / file).write_text(re.sub(old, new, text))
+    return folder
+
+
+@needs_board
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (r"\(int32_t\)(?=d->brake_us - )", "", "does not hold"),
+        (r"\(uint32_t\)(?=ACCELERATION_MM_S2 )", "", "> 30 drives"),
+    ],
+)
+def test_a_sum_too_wide_for_the_board_is_noticed(tmp_path, old, new, said):
+    """On this computer, whose int has 32 bits, it is right."""
+    folder = changed(tmp_path / "firmware", "drive.c", old, new)
+    done = make(folder, "HOST=cc -w", "build/test", "build/drives")
+    assert done.returncode == 0, done.stderr
+    for program in ("test", "drives"):
+        assert subprocess.run([folder / "build" / program], capture_output=True, check=False).returncode == 0
+    done = make(folder, "HOST=cc -w", "CROSS=avr-gcc -w", "test-board")
+    assert done.returncode != 0
+    assert said in done.stdout + done.stderr
+
+
+COMPILERS = ["cc", pytest.param("avr-gcc -mmcu=atmega328p", marks=needs_board)]
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize(
+    ("name", "value", "taken"),
+    [
+        ("BATTERY_EMPTY_MV", "0", True),  # never stop
+        ("BATTERY_EMPTY_MV", "900", False),
+        ("BATTERY_LOW_SPEED_MM_S", "MAX_SPEED_MM_S", True),  # no limit
+        ("BATTERY_ABSENT_MV", "0", True),
+        ("BATTERY_ABSENT_MV", "(-1)", False),
+        ("BATTERY_FULL_SCALE_MV", "65535", True),
+        ("BATTERY_FULL_SCALE_MV", "65536", False),
+        ("BATTERY_FULL_SCALE_MV", "BATTERY_LOW_MV", False),
+        ("NOISE_LIMIT", "2", True),
+        ("NOISE_LIMIT", "1", False),
+        ("NOISE_LIMIT", "101", False),
+        ("NOISE_MS", "0", False),
+        ("ACCELERATION_MM_S2", "100000", True),
+        ("ACCELERATION_MM_S2", "100001", False),
+        ("ACCELERATION_MM_S2", "0", False),
+        ("MOTOR_US_PER_M_S", "0", False),
+        ("MOTOR_US_PER_M_S", "10001", False),
+        ("MOTOR_DEAD_BAND_US", "(-1)", False),
+        ("FRONT_US_PER_1_M", "(-10000)", True),
+        ("FRONT_US_PER_1_M", "(-10001)", False),
+        ("REAR_US_PER_1_M", "10000", True),
+        ("REAR_US_PER_1_M", "10001", False),
+        ("COMMAND_TIMEOUT_MS", "1000", True),
+        ("COMMAND_TIMEOUT_MS", "1001", False),
+        ("COMMAND_TIMEOUT_MS", "0", False),
+        ("HEARTBEAT_TIMEOUT_MS", "1001", False),
+        ("HEARTBEAT_TIMEOUT_MS", "0", False),
+        ("BRAKE_MS", "70000", True),
+        ("BRAKE_MS", "0", False),
+        ("PAUSE_MS", "0", False),
+        ("FORWARD_MS", "(-1)", False),
+        ("BATTERY_LASTS_MS", "0", False),
+    ],
+)
+def test_numbers_of_a_car_are_taken_or_refused_when_it_is_compiled(tmp_path, compiler, name, value, taken):
+    folder = changed(tmp_path / "firmware", "config.h", rf"(?m)^#define {name} [^/\n]*", f"#define {name} {value} ")
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror", "-O1", "-c", "-o"]
+    done = subprocess.run(
+        [*compiler.split(), *flags, tmp_path / "drive.o", folder / "drive.c"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode == 0) == taken, done.stderr
+    assert taken or "static assertion failed" in done.stderr
 
 
 def test_both_sides_mean_the_same():
@@ -161,3 +249,45 @@ def test_a_main_loop_that_hangs_shortens_no_pulse(line):
     odd = [width for width in widths if abs(width - 1100) > 15 and abs(width - 1500) > 15]
     assert len(odd) <= 1, widths  # the reset may fall into a pulse and end it
     assert widths[-1] == pytest.approx(1500, abs=15)
+
+
+@pytest.mark.realtime
+@needs_board
+def test_bring_up(capsys, tmp_path):
+    config = tmp_path / "car.toml"
+    config.write_text('robot = "maxston8"\nlink.kind = "avr-board"\n[simulation]\n')
+    real_time_priority(print)
+    try:
+        assert main(["check", str(config), "--yes"]) == 0, capsys.readouterr()
+    finally:
+        ordinary_priority()
+    said = capsys.readouterr().out
+    assert "the board reports that it is stopped" in said
+    assert "all well" in said
+
+
+@needs_board
+def test_another_robots_configuration(capsys, tmp_path):
+    config = tmp_path / "car.toml"
+    config.write_text('robot = "lorry"\nlink.kind = "avr-board"\n[simulation]\n')
+    assert main(["check", str(config), "--yes"]) == 2
+    assert "the board is that of the robot 'maxston8', the configuration is for 'lorry'" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+@needs_board
+def test_closes_the_loop_without_hardware():
+    """Twenty seconds in the curve; times are asserted only where the computer could keep them."""
+    with bench() as car:
+        for _ in range(200):
+            if car.car.loop.steps > 600:
+                break
+            time.sleep(0.1)
+        summary, cameras = car.car.summary(), car.cameras.inner
+        assert summary["steps"] > 500
+        assert cameras.distance > 5.0
+        assert cameras.simulation.collisions == []
+        print(summary["round_trip_ms"], summary["jitter_ms"], summary["parts_ms"])
+        assert summary["jitter_ms"]["p50"] < 5.0
+        assert np.median(car.car.drive.round_trips()) < 0.01

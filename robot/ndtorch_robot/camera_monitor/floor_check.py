@@ -90,7 +90,7 @@ def measure_floor(read: Callable[[], StereoFrames], rig: StereoRig, rate: float,
         fields, rows = (ours.field[0], theirs.field[0]), (ours.row[0], theirs.row[0])
         things, ahead = ProximityCheck(rig, control.fields)(fields, rows)
     near = float(things.x.min()) if len(things.x) else None
-    noisy = still > control.params.least_noise
+    noisy = still > control.params.min_noise_output
     return FloorFound(float(share), float(speed_share(share)), still, noisy, ahead, near)
 
 

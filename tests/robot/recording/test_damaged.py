@@ -5,9 +5,11 @@ import os
 import random
 
 import pytest
+import torch
 
 from ndtorch.errors import InputError
 from ndtorch_robot.recording import open_recording
+from ndtorch_robot.recording.reading import Recording
 from ndtorch_robot.recording.streams import checked_line
 from tests.robot.support.recorded import same, write
 
@@ -29,6 +31,17 @@ def test_a_recording_cut_short(tmp_path, cut):
     assert recording.trouble == "the frames of step 2 are damaged, or not wholly there"
     frames.unlink()
     assert list(recording.steps()) == []
+
+
+def test_a_damaged_line(tmp_path):
+    write(tmp_path / "r")
+    lines = tmp_path / "r" / "steps.jsonl"
+    text = lines.read_text().splitlines()
+    text[3] = text[3].replace('"n":3', '"n":')
+    lines.write_text("\n".join(text) + "\n")
+    recording = open_recording(tmp_path / "r")
+    assert [step.number for step in recording.steps()] == [0, 1, 2, 4]
+    assert (recording.trouble, recording.damaged, recording.missing) == ("a line is damaged", 1, 0)
 
 
 @pytest.mark.parametrize("kind", ["png", "raw"])
@@ -71,6 +84,24 @@ def test_a_picture_without_pixels_is_damaged(tmp_path, shape):
     recording = open_recording(tmp_path / "r")
     assert [step.number for step in recording.steps()] == list(range(1, len(rest)))
     assert "the frames of step 0 are damaged" in recording.trouble
+
+
+@pytest.mark.parametrize(("largest", "read"), [(1000, True), (999, False)])
+def test_a_picture_of_more_pixels_than_any_camera_has_is_damaged(tmp_path, monkeypatch, largest, read):
+    """It is refused before anything is made for it."""
+    monkeypatch.setattr("ndtorch_robot.recording.reading.LARGEST", largest)
+    monkeypatch.setattr(Recording, "bytes_of", lambda self, *where: b"")
+    made = []
+
+    def decode(data, shape, kind):
+        made.append(shape)
+        return torch.zeros(shape)
+
+    monkeypatch.setattr("ndtorch_robot.recording.reading.decode", decode)
+    write(tmp_path / "r", format="raw")
+    where = {name: {"shape": [1, 25, 40], "at": 0, "bytes": 0, "crc": 0} for name in ("left", "right")}
+    assert (open_recording(tmp_path / "r").frames(where, 0.0) is not None) == read
+    assert made == ([(1, 25, 40)] * 2 if read else [])
 
 
 def test_steps_that_are_missing_are_counted(tmp_path):
