@@ -138,7 +138,9 @@ def check_fits(name: str, value: Tensor, like: Tensor) -> None:
 
 
 def check_alike(name: str, value: Tensor, like: Tensor) -> None:
-    """Raise `InputError` unless samples that are kept are of the size of those that come."""
+    """Raise `InputError` unless samples that are kept are on the device and of the size of those that come."""
+    if value.device != like.device:
+        raise InputError(f"{name} must be on {like.device} as the input is, got {value.device}")
     if value.shape != like.shape and not torch.compiler.is_compiling():
         raise InputError(f"{name} must be {tuple(like.shape)} as the input is, got {tuple(value.shape)}")
 

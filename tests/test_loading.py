@@ -125,7 +125,7 @@ def test_missing_and_misshapen_weights_are_refused_by_name(folder: Path, name: s
         ({"radius_limit": 2.0}, r"options: network: radius_limit = 2\.0"),
         ({"rule": "oja"}, "rule must be one of competitive"),
         ({"border": "black"}, "options: border = 'black'"),
-        ({"size": (0, 10)}, "size must be"),
+        ({"size": (0, 10)}, "size = "),
         ({"fps": -1}, "options: fps = -1"),
         ({"tau_background": 3.0}, "published has no option tau_background; foreground has it"),
         ({"readout": "owners"}, "published has no option readout; scale-free has it"),

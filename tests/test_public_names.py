@@ -17,19 +17,20 @@ import ndtorch.scenes
 import ndtorch.vision
 
 TOP = """
-    FEATURES BindingModel HassensteinReichardt InhibitoryNetwork InputError NDMin Navigator OrientedDoG StereoRig
-    VisualFeatures load model_names
+    FEATURES BindingModel HassensteinReichardt InhibitoryNetwork InputError NDMin Navigator OrientedDoG Sequential
+    StereoRig VisualFeatures load model_names
 """
 VISION = """
     Resample ResampleState
     ANGLES FEATURES GROUPS NDS SPEED_SCALE ChahlSrinivasan CoherentMotion
     CoherentParams CoherentState
     FilterState HassensteinReichardt HighPass LocalFeatures LowPass MotionState NDMin NDMinus NDSState OrientedDoG
-    RunningMax RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve
+    RunningMax RecentMaxState Sequential SequentialState
+    ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve
     low_pass_step row_shift smoothing_factor spatial_maximum speed_response
 """
 BINDING = """
-    ACTIVATIONS Attention BindingInputs BindingModel BoundObject FirstStage ForegroundModel
+    ACTIVATIONS RULES Attention BindingInputs BindingModel BoundObject FirstStage ForegroundModel
     InhibitoryNetwork LearningRule ObjectTable
     PublishedModel RetinotopicModel ScaleFreeModel Verdict ObjectFiles alternation bound_objects describe
     learning_rule limit_spectral_radius load_state object_table save_state separated solutions spectral_radius to_device

@@ -118,7 +118,7 @@ class OrientedDoG(nn.Module):
     """
 
     fixed_spectrum: Tensor
-    fast_spectrum: Tensor
+    fast_parts: Tensor
     row_frequencies: Tensor
     column_frequencies: Tensor
     exact_filter: RealFilter | None
@@ -186,7 +186,9 @@ class OrientedDoG(nn.Module):
         down, across = (start - (block - 1) / 2 for start, block in zip(self.starts, self.blocks, strict=True))
         turns = [rows[:, None] * (cells[0] * o + down) + columns * (cells[1] * o + across) for o in OFFSETS]
         shifts = torch.stack([torch.polar(torch.ones_like(turn), 2 * math.pi * turn) for turn in turns])
-        self.register_buffer("fast_spectrum", shifts.unsqueeze(1) * fast / len(OFFSETS), persistent=False)
+        # In real numbers: `Module.to(dtype)` would take the imaginary parts away.
+        spectrum = shifts.unsqueeze(1) * fast / len(OFFSETS)
+        self.register_buffer("fast_parts", torch.view_as_real(spectrum), persistent=False)
         lines = zip(self.padded, self.grid, self.margin, self.starts, cells, strict=True)
         for name, (n, g, m, start, cell) in zip(("row_weights", "column_weights"), lines, strict=True):
             weights = torch.stack([inside_weights(n, g, m, o + start / cell) for o in OFFSETS])
@@ -214,6 +216,11 @@ class OrientedDoG(nn.Module):
         spectrum = torch.fft.rfft2(image).unsqueeze(-3) * self.spectrum
         response: Tensor = torch.fft.irfft2(spectrum, s=self.padded)
         return response
+
+    @property
+    def fast_spectrum(self) -> Tensor:
+        """The filters on the coarse grids, complex, `[2, 3, h, w // 2 + 1]`."""
+        return torch.view_as_complex(self.fast_parts)
 
     @property
     def device(self) -> torch.device:

@@ -295,7 +295,7 @@ class Resample(nn.Module):
         return f"dt_in={self.dt_in:g}, dt_out={self.dt_out:g}"
 
     def forward(self, x: Tensor, state: ResampleState | None = None) -> tuple[Tensor, ResampleState]:
-        check_state(state, ResampleState, meta=True)
+        check_state(state, ResampleState, meta=isinstance(x, Tensor) and x.is_meta)
         time_dim(x, 1)
         check_tensor("x", x, meta=True)
         if self.identity:

@@ -40,7 +40,7 @@ def same(a: Any, b: Any) -> bool:
 @pytest.mark.parametrize("fps", [30.0, 100.0])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_a_state_comes_back_bit_for_bit(tmp_path: Path, batch: tuple[int, ...], fps: float, dtype: torch.dtype) -> None:
-    module = model(fps=fps)
+    module = model(fps=fps).to(dtype)
     _, state = module(noise(*batch, 6, 3, 32, 33).to(dtype))
     save_state(state, tmp_path / "state.safetensors", {"scene": "noise", "fps": str(fps)})
     loaded, about = load_state(tmp_path / "state.safetensors", module)

@@ -75,7 +75,6 @@ def run(folder: Path) -> None:
         "fps": 100.0,
         "options": {},
         "scene": {},
-        "without": [],
     }
     (folder / "bars").mkdir()
     state = small_model()(torch.zeros(4, 3, 16, 20))[1]

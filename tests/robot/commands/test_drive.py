@@ -98,7 +98,7 @@ def test_ctrl_c(tmp_path, capsys, monkeypatch):
         (["--arena", "halway"], "no arena 'halway', choose one of hallway"),
         (["--controller", "pid"], "got 'pid'"),
         (["--compiled"], "--compiled is gone: steps are always compiled"),
-        (["--seconds", "-1"], "seconds = -1"),
+        (["--seconds", "-1"], "seconds must be a number from 0"),
         (["--seconds", "nan"], "seconds"),
         (["--features", "0"], "features must be a whole number"),
         (["nowhere.toml"], "no such file"),

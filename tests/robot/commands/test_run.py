@@ -57,7 +57,7 @@ def car(monkeypatch: pytest.MonkeyPatch) -> Car:
     ("arguments", "message"),
     [
         (["sim", "--seconds", "0"], "--seconds must be positive, got 0"),
-        (["sim", "--seconds", "nan"], "--seconds must be positive, got nan"),
+        (["sim", "--seconds", "nan"], "--seconds must be a number from 0 to 10000000, got nan"),
         (["maxstone8", "--disturbance", "noise"], "--disturbance is for simulated worlds, and this car has cameras"),
         (["simm"], "simm"),
     ],
