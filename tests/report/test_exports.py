@@ -112,7 +112,9 @@ def test_pandas_reads_the_tables(run: tuple[Path, list[str] | None]) -> None:
     rate = (table.frame.iloc[-1] - table.frame.iloc[0]) / (table.time.iloc[-1] - table.time.iloc[0])
     assert table.time.iloc[0] == pytest.approx((table.frame.iloc[0] - 1) / rate, abs=1e-3)
     assert table.speed.median() == pytest.approx(STEP * rate, rel=0.1)
-    assert (table.red > 0.5).all()
+    assert (table.feature_red > 0.5).all()
+    mot = np.loadtxt(run[0] / "mot.txt", delimiter=",", ndmin=2)
+    assert np.allclose(table[["frame", "track", "left", "top", "width", "height"]], mot[:, :6], atol=1e-2)
 
 
 @pytest.mark.parametrize("top", [0, 3])

@@ -32,7 +32,7 @@ def columns(tracks: SourceTracks) -> dict[str, Any]:
     }
     for name in FEATURES:
         own = [tracks.objects[number].features.get(name, 0.0) for number in tracks.track.tolist()]
-        found[name.replace("°", "deg")] = np.array(own, np.float64)
+        found["feature_" + name.replace("°", "deg")] = np.array(own, np.float64)  # `left` is a side of the box
     return found
 
 
