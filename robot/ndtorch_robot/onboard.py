@@ -12,6 +12,7 @@ import numpy as np
 
 from ndtorch.navigation.controllers.published import SaccadeController
 from ndtorch.navigation.mapping.certainty import BEYOND_SIGHT, REACH, beam_table
+from ndtorch.navigation.stereo._kernels_features import FeatureNumbers, RowGeometry
 from ndtorch.navigation.stereo.ranging import StereoRanging
 from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.vision.nondirectional import SPEED_SCALE
@@ -36,7 +37,8 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
     True
     """
     control, ranging = SaccadeController(rig, dt), StereoRanging(rig, dt)
-    saccade, row, geometry = control.numbers, ranging.numbers, ranging.geometry
+    saccade, row = control.numbers, FeatureNumbers(*ranging.numbers.item())
+    geometry = RowGeometry(*ranging.geometry.item())
     left, right = control.fields
     table = beam_table(rig, FARTHEST, cell / 2)
     # The places are a grid of those along and those across the beams, listed row by row: the first row ends where the
