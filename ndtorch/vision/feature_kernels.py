@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.utils.backend import kernels_wanted
+from ndtorch.utils.backend import Backend, kernels_wanted
 from ndtorch.vision._kernels_frame import FieldTables, PassConstants, front_end, local_sums
 from ndtorch.vision.decimation import Thinning
 from ndtorch.vision.frames import check_range, rows_apart
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
 
-if TYPE_CHECKING:
-    from ndtorch.vision.features import VisualFeatures
-
 KINDS = (torch.uint8, torch.float32, torch.float64)
 
 
-def one_pass_fits(frames: Tensor, state: MotionState | None, features: VisualFeatures) -> bool:
-    """Whether frames `[T, 3, H, W]` and the state after the frame before them can go to the kernels."""
+def one_pass_fits(frames: Tensor, state: MotionState | None, backend: Backend, *learned: Tensor) -> bool:
+    """Whether frames `[T, 3, H, W]` and the state after the frame before them can go to the kernels.
+
+    Args:
+        learned: parameters of the features, whose gradients kernels do not have.
+    """
     if frames.ndim != 4 or frames.dtype not in KINDS:
         return False
-    if not kernels_wanted(frames, *(state or ()), *features.parameters(), backend=features.backend):
+    if not kernels_wanted(frames, *(state or ()), *learned, backend=backend):
         return False
     return state is None or all(s.shape == frames.shape[-2:] and s.dtype == image_kind(frames) for s in state)
 

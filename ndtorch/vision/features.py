@@ -106,7 +106,9 @@ class VisualFeatures(nn.Module):
         batch = frames.shape[:-4]
         if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:
             return self._each(frames, state)
-        if (self.orientation.paired or self.orientation.exact) and one_pass_fits(frames, state, self):
+        if (self.orientation.paired or self.orientation.exact) and one_pass_fits(
+            frames, state, self.backend, *self.parameters()
+        ):
             return self._one_pass(frames, state)
         check_values(frames)
         sums = []

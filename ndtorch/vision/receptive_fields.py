@@ -146,7 +146,9 @@ class LocalFeatures(nn.Module):
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState, meta=True)
         frames = check_frames(frames, self.features.size, values=False, device=self.features.orientation.device)
-        if self.features.orientation.paired and one_pass_fits(frames, state, self.features):
+        if self.features.orientation.paired and one_pass_fits(
+            frames, state, self.features.backend, *self.features.parameters()
+        ):
             return self._together(*self._one_pass(frames, state))
         check_values(frames)
         signals = []
