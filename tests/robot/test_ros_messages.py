@@ -1,0 +1,92 @@
+"""Messages of ROS 2, read by a decoder of somebody else from the definitions that recordings hold."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.typesys import Stores, get_typestore
+
+from ndtorch.navigation import Grid, Pose, Ranges, StereoRig
+from ndtorch_robot import ros_messages as ros
+from ndtorch_robot.ports import DriveCommand
+
+
+def read_again(message):
+    """Bytes of ours, decoded by `mcap-ros2-support`, which parses the text of a definition."""
+    name = message.__msgtype__
+    text = get_typestore(Stores.ROS2_JAZZY).generate_msgdef(name, ros_version=2)[0]
+    decode = DecoderFactory().decoder_for("cdr", Schema(1, text.encode(), "ros2msg", name))
+    assert decode is not None
+    return decode(ros.to_cdr(message))
+
+
+def ranges_of(*places):
+    x, y = np.array(places, np.float64).T
+    return Ranges(np.hypot(x, y), x * 0, x * 0, x, y, np.isfinite(x))
+
+
+def test_a_scan_holds_the_nearest_feature_of_each_degree():
+    """Two features ahead, one on the left, an empty slot, one behind the car."""
+    found = read_again(ros.laser_scan(ranges_of((2.0, 0.0), (1.5, 0.001), (1.0, 1.0), (math.nan, 0), (-1, 0)), 12.25))
+    assert (found.header.stamp.sec, found.header.stamp.nanosec, found.header.frame_id) == (12, 250_000_000, "base_link")
+    angles = found.angle_min + found.angle_increment * np.arange(len(found.ranges))
+    assert angles[-1] == pytest.approx(found.angle_max, abs=1e-5)
+    seen = {round(math.degrees(a)): r for a, r in zip(angles, found.ranges, strict=True) if math.isfinite(r)}
+    assert seen == {0: pytest.approx(1.5, abs=1e-5), 45: pytest.approx(math.sqrt(2))}
+
+
+def test_motion_and_place():
+    found = read_again(ros.odometry(Pose(1.0, -2.0, math.pi / 2), DriveCommand(0.5, -2.0), 1e9 + 0.5))
+    assert (found.header.frame_id, found.child_frame_id) == ("odom", "base_link")
+    assert (found.pose.pose.position.x, found.pose.pose.position.y) == (1.0, -2.0)
+    assert ros.yaw(found.pose.pose.orientation) == pytest.approx(math.pi / 2)
+    assert (found.twist.twist.linear.x, found.twist.twist.angular.z) == (0.5, -1.0)
+    assert read_again(ros.twist_stamped(DriveCommand(0.5, -2.0), 0.0)).twist.angular.z == -1.0
+    assert read_again(ros.twist(DriveCommand(0.5, -2.0))).linear.x == 0.5
+
+
+def test_transforms_lead_to_the_place_in_the_map():
+    """`map` -> `odom` -> `base_link`, one after the other, is where the localiser has the car."""
+    place = Pose(3.0, 4.0, 0.7)
+    outer, inner = read_again(ros.transforms(Pose(1.0, -2.0, -0.4), place, 0.0)).transforms
+    assert (outer.header.frame_id, outer.child_frame_id) == ("map", inner.header.frame_id)
+    turn, at, by = ros.yaw(outer.transform.rotation), outer.transform.translation, inner.transform.translation
+    x = at.x + math.cos(turn) * by.x - math.sin(turn) * by.y
+    y = at.y + math.sin(turn) * by.x + math.cos(turn) * by.y
+    assert (x, y, turn + ros.yaw(inner.transform.rotation)) == pytest.approx(tuple(place))
+
+
+def test_a_map_in_percent():
+    grid = Grid(-1.0, 2.0, 0.0, 2.0, cell=1.0)
+    found = read_again(ros.occupancy_grid(torch.tensor([[0.0, 1.0, 0.001], [0.5, 0.0, 0.0]]), grid, 0.0))
+    assert (found.info.width, found.info.height, found.info.resolution) == (3, 2, 1.0)
+    assert (found.info.origin.position.x, found.info.origin.position.y) == (-1.0, 0.0)
+    assert list(found.data) == [-1, 100, 1, 50, -1, -1]
+
+
+def test_diagnostics_say_why_the_car_stands():
+    stands, drives = (
+        read_again(ros.diagnostics(why, {"battery_v": 7.4, "faults": ["low"], "link": None}, 0.0)).status[0]
+        for why in ("no frames", None)
+    )
+    assert (stands.level, stands.message) == (2, "no frames")
+    assert (drives.level, drives.message) == (0, "drives")
+    values = {item.key: item.value for item in stands.values}
+    assert values == {"battery_v": "7.4", "faults": '["low"]', "link": "null"}
+
+
+def test_calibration_makes_the_rig_again():
+    rig = StereoRig(baseline=0.11, focal=436.2, width=752, height=480, cx=364.4, cy=240.1)
+    left, right = map(read_again, ros.camera_infos(rig))
+    assert StereoRig.from_projections(left.p, right.p, left.width, left.height) == rig
+
+
+def test_images_and_fields():
+    message = ros.compressed_image(b"\x89PNG", "png", "camera_left", 1.5)
+    assert bytes(read_again(message).data) == b"\x89PNG"
+    fields = ros.to_fields(message)
+    assert fields["header"] == {"stamp": {"sec": 1, "nanosec": 500_000_000}, "frame_id": "camera_left"}
+    assert ros.to_cdr(ros.from_cdr(ros.to_cdr(message), "sensor_msgs/msg/CompressedImage")) == ros.to_cdr(message)
