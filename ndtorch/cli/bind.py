@@ -62,6 +62,7 @@ class Bind(BindJob):
             raise InputError(f"--front-end {self.front_end} is now {MOVED.get(self.front_end, '--model NAME')}")
         import torch
 
+        from ndtorch.report.camera_motion import CameraMotion
         from ndtorch.report.films import RunRecording
         from ndtorch.report.gallery import Gallery
         from ndtorch.report.mask_store import MaskStore
@@ -90,19 +91,25 @@ class Bind(BindJob):
         if not self.json:
             print(f"model  {prepared.chosen}", flush=True)
         tracks = prepared.model.tracks
-        masks, gallery = (MaskStore(), Gallery()) if tracks else (None, None)
+        masks, gallery, camera = (MaskStore(), Gallery(), CameraMotion()) if tracks else (None, None, None)
         try:
             film = self.film(prepared, folder.work)
             recording = None if self.rrd is None else RunRecording(self.rrd)
             timeline = TimelineFile(folder.work / "timeline.jsonl", source.size) if tracks else None
-            watching = (film, recording, masks, timeline, gallery)
+            watching = (film, recording, masks, timeline, gallery, camera)
             watchers: list[Watcher] = [one for one in watching if one is not None]
             total = None if source.length is None else source.length - prepared.start
             tell_if_long(total)
             with progress_bar(total, self.json, unit=" frames", leave=False, mininterval=0.5) as bar:
+                told = False
 
                 def report(frames: int) -> None:
+                    nonlocal told
                     bar.update(frames)
+                    line = None if camera is None or told else camera.advice()
+                    if line is not None:
+                        told = True
+                        bar.write(f"note: {line}", file=sys.stderr)
 
                 result = run_model(
                     prepared.model,
@@ -114,8 +121,8 @@ class Bind(BindJob):
                     report,
                     self.device,
                 )
-            if masks is not None and gallery is not None:
-                result.advice = advice(result, gallery, masks)
+            if masks is not None and camera is not None:
+                result.advice = advice(result, camera, masks)
             if film is not None:
                 film.close()
             if recording is not None:

@@ -1,11 +1,10 @@
-"""Pictures of a run that are kept for its page: ground, crops of objects, poster; and how the camera moved."""
+"""Pictures of a run that are kept for its page: ground, crops of objects and a poster."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ndtorch.binding import BoundObject
 from ndtorch.run.watchers import Picture, Pixels, Watcher
@@ -14,14 +13,6 @@ GROUND_SIDE, GROUNDS = 960, 15
 """Longest side of the picture of the ground, pixels, and of how many pictures it is the median."""
 CROP_SIDE, CROPS = 200, 60
 """Longest side of the crop of an object, pixels, and of how many objects there is one."""
-SHIFT_SIDE = 192
-"""Longest side of the pictures whose shift is measured, pixels."""
-MOVING_SHARE, MOVING_SHIFT = 0.5, 0.004
-"""The camera moves if in this share of the pictures everything shifted by this share of the width."""
-MIN_RESPONSE = 0.15
-"""Height of the peak of phase correlation from which a shift is believed."""
-CHANGED_LEVELS = 25
-"""Difference of a pixel from the picture before, levels of 255, that is motion."""
 
 
 class Crop(NamedTuple):
@@ -37,17 +28,12 @@ class Gallery(Watcher):
     Attributes:
         crops: of objects, by their numbers.
         poster: the picture with the most of the objects boxed, and these.
-        shifted, compared: number of pictures in which everything moved, and of all that were compared.
-        largest_motion: largest region that changed between two pictures, pixels of the source.
     """
 
     def __init__(self) -> None:
         self.crops = dict[int, Crop]()
         self.poster: tuple[Pixels, tuple[BoundObject, ...]] | None = None
-        self.shifted = self.compared = 0
-        self.largest_motion = 0.0
         self._kept, self._stride, self._seen = list[Pixels](), 1, 0
-        self._before: npt.NDArray[np.float32] | None = None
         self._best = 0.0
 
     def picture(self, picture: Picture) -> None:
@@ -58,7 +44,6 @@ class Gallery(Watcher):
             if len(self._kept) > GROUNDS:
                 self._kept, self._stride = self._kept[::2], 2 * self._stride
         self._seen += 1
-        self._compare(picture.frame)
         height, width = picture.frame.shape[:2]
         total = 0.0
         for thing in picture.objects:
@@ -73,29 +58,6 @@ class Gallery(Watcher):
                 self.crops[thing.number] = Crop(cut(picture.frame, thing.box), clearness)
         if total > self._best:
             self._best, self.poster = total, (picture.frame, picture.objects)
-
-    def _compare(self, frame: Pixels) -> None:
-        """Measure by how much everything moved since the picture before, and what else changed."""
-        import cv2
-
-        small = shrunk(frame, SHIFT_SIDE).astype(np.float32).mean(2)
-        before, self._before = self._before, small
-        if before is None or before.shape != small.shape:
-            return
-        window = np.asarray(cv2.createHanningWindow(small.shape[::-1], cv2.CV_32F))
-        (across, down), response = cv2.phaseCorrelate(before, small, window)
-        self.compared += 1
-        self.shifted += response > MIN_RESPONSE and np.hypot(across, down) > MOVING_SHIFT * small.shape[1]
-        changed = (np.abs(small - before) > CHANGED_LEVELS).astype(np.uint8)
-        if changed.any():
-            areas = cv2.connectedComponentsWithStats(changed)[2][1:, cv2.CC_STAT_AREA]
-            scale = (frame.shape[0] / small.shape[0]) * (frame.shape[1] / small.shape[1])
-            self.largest_motion = max(self.largest_motion, float(areas.max()) * scale)
-
-    @property
-    def camera_moves(self) -> bool:
-        """Whether everything moved in most pictures."""
-        return self.compared >= 4 and self.shifted > MOVING_SHARE * self.compared
 
     def ground(self) -> Pixels | None:
         """The median of the pictures, without what passed; None before any."""

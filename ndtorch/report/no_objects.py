@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ndtorch.report.gallery import Gallery
+from ndtorch.report.camera_motion import CameraMotion
 from ndtorch.report.mask_store import MaskStore
 from ndtorch.run.result import RunResult
 
@@ -10,20 +10,14 @@ SHORTEST_S = 1.5
 """Seconds that a video needs: half a second for the background, and an object has to be followed for a second."""
 
 
-def advice(result: RunResult, gallery: Gallery, masks: MaskStore) -> tuple[str, ...]:
+def advice(result: RunResult, camera: CameraMotion, masks: MaskStore) -> tuple[str, ...]:
     """What is to be said of a run of a model with tracks, a line each: reasons for no objects, or a moving camera.
 
     Args:
         result: of the run.
-        gallery, masks: that watched it.
+        camera, masks: that watched it.
     """
-    lines = list[str]()
-    if gallery.camera_moves:
-        lines.append(
-            f"the camera moves (in {gallery.shifted} of {gallery.compared} pictures all of the image moved): "
-            "the model needs a fixed camera; stabilise the video first, or take a part in which the camera stands "
-            "(--start, --stop)"
-        )
+    lines = [line for line in [camera.advice()] if line is not None]
     if result.objects:
         return tuple(lines)
     seconds = result.simulated_seconds
@@ -40,8 +34,8 @@ def advice(result: RunResult, gallery: Gallery, masks: MaskStore) -> tuple[str, 
             f"pixels wide, and none travelled far enough to be an object (at most {travel * scale:.0f} pixels); "
             "use a longer video, or lower tracking.min_travel_sizes in the config.toml of a copy of the model"
         )
-    elif gallery.largest_motion > 0 and not gallery.camera_moves:
-        side = gallery.largest_motion**0.5
+    elif camera.largest_region > 0 and camera.since is None:
+        side = camera.largest_region**0.5
         lines.append(
             f"everything that moved is smaller than the model takes, or too brief (about {side:.0f} x {side:.0f} of "
             f"{result.full_size[1]} x {result.full_size[0]} pixels): use a camera that is nearer, or crop the video"
