@@ -26,12 +26,13 @@ WRITERS = {
     "bind --rrd": "bind two-bars --seconds 0.2 --settle 0.1 --pictures 0 --rrd {out}/run.rrd --out {out}",
     "render": "render three-bars {out}/bars.mp4 --seconds 0.2",
     "drive": "drive --seconds 0.2 --out {out}",
-    "drive --record": "drive --seconds 0.2 --record {out}/r --out {out}/o",
+    "drive --record": "drive --seconds 0.2 --record {out}/r.mcap --out {out}/o",
     "drive --rrd": "drive --seconds 0.2 --rrd {out}/run.rrd --out {out}/o",
     "evaluate": "evaluate --arenas room --seeds 7 --seconds 0.2 --controllers published --jobs 1 --out {out}",
     "barn": "barn {barn} --jobs 1 --controller published --worlds 5 --out {out}",
     "replay": "replay {recording} --rrd {out}/replay.rrd",
-    "run": "run {car} --go --seconds 0.5 --record {out}/r",
+    "import": "import {bag} --out {out}/import.mcap",
+    "run": "run {car} --go --seconds 0.5 --record {out}/r.mcap",
     "run --save-map": "run {car} --go --seconds 0.5 --save-map {out}/map",
     "first-stage": "first-stage --gamma 50 --out {out}",
     "benchmark scenes": "benchmark scenes --scenes 1 --seconds 0.3 --methods published --out {out}",
@@ -43,7 +44,7 @@ WRITERS = {
 
 FULL = re.compile("File too large|cannot be written|not whole|cannot be opened for writing|disk was full")
 
-SILENT = {"arenas", "cameras", "check", "scenes"}
+SILENT = {"arenas", "cameras", "check", "doctor", "scenes"}
 """Commands that write nothing."""
 
 ELSEWHERE = {"calibrate"}
@@ -70,6 +71,7 @@ def arguments(name: str, out: Path, given: Path) -> list[str]:
     car.write_text(text)
     recording = next((CORPUS / "replay").iterdir())
     places = {"out": out, "car": car, "sweep": sweep, "recording": recording, "barn": CORPUS / "barn" / "worlds.json"}
+    places["bag"] = CORPUS / "bag" / "file.mcap"
     pair = given / "ranges" / "pair"
     pair.mkdir(parents=True, exist_ok=True)
     picture = np.random.default_rng(0).integers(0, 256, (24, 64), np.uint8)
@@ -117,7 +119,7 @@ def check(name: str, most: int, tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert len(said(printed)) == 1, printed
     assert FULL.search(said(printed)[0]), printed
     # What grows while it is recorded: it is read up to its end, or (.rrd) said not to be whole.
-    recorded = {".jpeg", ".mjpeg", ".pngs", ".jsonl", ".rrd"}
+    recorded = {".mcap", ".rrd"}
     half = [path.name for path in whole if path.stat().st_size >= most and path.suffix not in recorded]
     assert half == [], "these were cut off"
     shutil.rmtree(out)

@@ -62,16 +62,11 @@ def barn(path: Path) -> None:
     path.write_text(json.dumps(BARN | {"radius_m": 10**400}))
 
 
-def header_of(**changed: object) -> Callable[[Path], None]:
-    def make(path: Path) -> None:
-        from ndtorch_robot.recording.streams import crc_of
+def configuration(path: Path) -> None:
+    from ndtorch_robot.recording.streams import crc_of
+    from tests.robot.support.recorded import rewrite
 
-        header = json.loads((path / "recording.json").read_text()) | changed
-        del header["crc"]
-        header["crc"] = crc_of(header)
-        (path / "recording.json").write_text(json.dumps(header))
-
-    return make
+    rewrite(path, lambda topic, number, data: data, {"configuration": "[1]", "crc": crc_of("[1]")})
 
 
 def truth(path: Path) -> None:
@@ -83,8 +78,7 @@ REFUSED = {
     "a number of 5000 digits": ("car", "sim.toml", car("9" * 5000)),
     "barn that is nested too deep": ("barn", "worlds.json", lambda path: path.write_text(DEEP)),
     "a radius of 400 digits": ("barn", "worlds.json", barn),
-    "frames of no kind": ("recording", "raw", header_of(frames={})),
-    "a configuration that is none": ("recording", "raw", header_of(configuration=[1])),
+    "a configuration that is none": ("recording", "strips.mcap", configuration),
     "an identity that is no number": ("truth", "clip", truth),
 }
 

@@ -3,7 +3,8 @@ A recording, and its replay
 ===========================
 
 A drive records what the cameras saw and what the navigator wanted. Replayed, the same program must want the same,
-bit for bit. A recording of a real car replays the same way. This needs ``ndtorch-robot[sim]``.
+bit for bit. A recording of a real car replays the same way; Foxglove and ROS 2 open it, too. This needs
+``ndtorch-robot[sim]``.
 """
 
 import tempfile
@@ -18,10 +19,10 @@ from ndtorch_robot.recording import open_recording
 # %%
 # Fifteen seconds of driving in a room.
 folder = Path(tempfile.mkdtemp())
-out, record = str(folder / "drive"), str(folder / "recording")
+out, record = str(folder / "drive"), str(folder / "recording.mcap")
 code = main(["drive", "--arena", "room", "--seconds", "15", "--out", out, "--record", record, "--quiet"])
 assert code == 0
-print(sorted(path.name for path in (folder / "recording").iterdir()))
+print(f"{Path(record).stat().st_size / 1e6:.1f} MB")
 
 # %%
 # Exit code 0 says that all commands are the same, 1 that some differ, 3 that something could not be replayed.
@@ -32,7 +33,7 @@ assert code == 0
 # %%
 # The steps can be read one by one, the frames with them. Above: the horizon row of the left camera over time; edges
 # that pass draw slanted lines. Below: what the navigator wanted.
-recording = open_recording(folder / "recording")
+recording = open_recording(Path(record))
 steps = list(recording.steps())
 times = [step.time - steps[0].time for step in steps]
 rows = np.stack([np.asarray(step.frames.left.row).reshape(3, -1).T for step in steps])

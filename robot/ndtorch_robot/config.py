@@ -30,8 +30,7 @@ class DriveConfig(NavigatorTable):
     view: bool = Field(False, description="The rerun viewer shows the drive as it goes.")
     view_at: str | None = Field(None, description="The drive is served to viewers at this ADDRESS or ADDRESS:PORT.")
     out: Path = Field(Path("out/drive"), description="Results are written into this folder.")
-    record: Path | None = Field(None, description="The drive is recorded into this new folder for `ndtorch replay`.")
-    record_format: Literal["png", "jpeg", "raw"] = Field("png", description="Frames of the recording have this format.")
+    record: Path | None = Field(None, description="The drive is recorded into this new file, NAME.mcap.")
 
     @field_validator("disturbance")
     @classmethod

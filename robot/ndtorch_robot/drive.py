@@ -6,7 +6,7 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid, StereoRig
+from ndtorch.navigation import Grid
 from ndtorch.navigation.controllers import Trace
 from ndtorch.navigation.options import place_of
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
@@ -29,7 +29,7 @@ from ndtorch_robot.map_saving import WalkedPath, runner_ndt_cells
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.navigator_table import print_note
 from ndtorch_robot.ports import DriveCommand, Observer, Step
-from ndtorch_robot.recording.recorder import Recorder, RecordSteps
+from ndtorch_robot.recording.recorder import Recorder
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.disturbances import read_disturbances
@@ -45,9 +45,6 @@ DRAWN = CameraLimits(patience_s=2.0)
 
 BLANK = CameraLimits(patience_s=60.0)
 """Where all walls are blank, a car that stands before one sees nothing until it has found a way out."""
-
-NOT_RECORDED = {"out", "record", "record_format", "rrd", "view", "view_at"}
-"""Where results go is no part of what was driven."""
 
 
 @dataclass
@@ -130,10 +127,11 @@ def drive(
         )
         record, respawn, path = Record(), Respawn(simulation, runner), WalkedPath()
         view = show(config, plan, runner, simulation, stack) if shown(config) else None
-        recorder = make_recorder(config, simulation.rig)
-        if recorder is not None:
-            stack.callback(recorder.close)
-            car.observers.append(RecordSteps(recorder))
+        recorder = None
+        if config.record is not None:
+            # Simulated time waits for it, so that nothing is left out.
+            recorder = stack.enter_context(Recorder(config.record, runner, when_full="wait", report=print_note))
+            car.observers.append(recorder)
         car.observers += [record.observer(runner, lambda: simulation.pose), path]
         car.observers += [] if view is None else [view]
         car.observers += [respawn, AutoResume(car.safe, respawn), *observers]
@@ -202,23 +200,6 @@ def show(
     view = start_view(stream, runner, print_note, wait=True, plan=plan)
     stack.callback(view.close)
     return ViewSteps(view, truth=lambda: simulation.pose)
-
-
-def make_recorder(config: DriveConfig, rig: StereoRig) -> Recorder | None:
-    """What writes the drive down, if anything. Simulated time waits for it, so that nothing is left out."""
-    if config.record is None:
-        return None
-    configuration = drive_configuration(config, rig)
-    return Recorder(config.record, configuration, format=config.record_format, when_full="wait", report=print_note)
-
-
-def drive_configuration(config: DriveConfig, rig: StereoRig) -> dict[str, Any]:
-    return {
-        "program": "drive",
-        "drive": config.model_dump(mode="json", exclude=NOT_RECORDED),
-        "rig": asdict(rig),
-        "rate_hz": config.rate,
-    }
 
 
 def found_after(record: Record, config: DriveConfig) -> float | None:

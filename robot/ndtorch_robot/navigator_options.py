@@ -19,7 +19,10 @@ from ndtorch.utils.packages import module_places
 
 Command = TypeVar("Command", bound=type)
 
-GONE = {"--compiled": "steps are always compiled"}
+GONE = {
+    "--compiled": "steps are always compiled",
+    "--record-format": "recordings hold what the navigator reads, lossless",
+}
 """Options of earlier versions, and what took their place."""
 
 RENAMED = {

@@ -52,12 +52,13 @@ class NavigatorRunner:
         self.navigator: Navigator = options.navigator(rig, rate, grid, near_check)
         self.state: NavigatorState | None = None
         self.time = -math.inf
-        self.options, self.grid = options, grid
+        self.options, self.grid, self.near_check = options, grid, near_check
 
     def configuration(self) -> dict[str, Any]:
         """For a recording: everything from which the same runner can be made again."""
-        half = 0.0 if self.grid is None else self.grid.right
-        return configuration(self.options, self.rig, self.rate) | {"map_half_size_m": half}
+        grid = self.grid
+        sides = None if grid is None else (grid.left, grid.right, grid.bottom, grid.top, grid.cell)
+        return configuration(self.options, self.rig, self.rate) | {"map_m": sides, "near_check": self.near_check}
 
     def warm_up(self) -> None:
         self.navigator.warm_up()

@@ -46,7 +46,6 @@ class NavigatorTable(Strict, NavigatorOptions):
 def configuration(options: NavigatorOptions, rig: StereoRig, rate: float) -> dict[str, Any]:
     """For a recording: everything from which the same navigator can be made again."""
     return {
-        "program": "navigator",
         "rig": dataclasses.asdict(rig),
         "rate_hz": rate,
         **dataclasses.asdict(options_of(dataclasses.asdict(options))),

@@ -17,6 +17,7 @@ import torch
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
+from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, Pose, Ranges, StereoRig
 from ndtorch_robot.ports import DriveCommand
 
@@ -58,6 +59,11 @@ def from_cdr(data: bytes, name: str) -> Any:
     return typestore().deserialize_cdr(data, name)
 
 
+def definition(name: str) -> str:
+    """The text of a type with all that it contains, as MCAP holds it."""
+    return typestore().generate_msgdef(name, ros_version=2)[0]
+
+
 def to_fields(message: Any) -> Any:
     """A message as dictionaries, lists and arrays, for a transport with classes of its own."""
     if hasattr(message, "__msgtype__"):
@@ -69,6 +75,12 @@ def header(time: float, frame: str) -> Any:
     """A header whose stamp is `time`, s since 1970 or since the start of a clock."""
     stamp = divmod(round(time * 1e9), 10**9)
     return new("std_msgs/msg/Header", new("builtin_interfaces/msg/Time", *stamp), frame)
+
+
+def stamp_seconds(message: Any) -> float:
+    """The stamp of a message with a header, s."""
+    stamp = message.header.stamp
+    return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
 def vector(x: float = 0.0, y: float = 0.0, z: float = 0.0, name: str = "Vector3") -> Any:
@@ -156,6 +168,46 @@ def diagnostics(standing: str | None, telemetry: Mapping[str, Any], time: float)
     level = OK if standing is None else ERROR
     status = new("diagnostic_msgs/msg/DiagnosticStatus", level, "ndtorch: car", standing or "drives", "", values)
     return new("diagnostic_msgs/msg/DiagnosticArray", header(time, BASE), [status])
+
+
+def image(pixels: torch.Tensor, frame: str, time: float) -> Any:
+    """`sensor_msgs/Image` of `[1, C, H, W]` uint8, C = 3 (RGB) or 1."""
+    array = np.ascontiguousarray(pixels[0].permute(1, 2, 0).numpy())
+    height, width, channels = array.shape
+    kind = "rgb8" if channels == 3 else "mono8"
+    layout = height, width, kind, 0, channels * width
+    return new("sensor_msgs/msg/Image", header(time, frame), *layout, array.reshape(-1))
+
+
+ENCODINGS = {
+    "rgb8": (0, 1, 2),
+    "bgr8": (2, 1, 0),
+    "8UC3": (2, 1, 0),
+    "rgba8": (0, 1, 2, 3),
+    "bgra8": (2, 1, 0, 3),
+    "mono8": (0,),
+    "8UC1": (0,),
+}
+"""Encodings of images that are read, and where in a pixel red, green and blue stand."""
+
+
+def image_pixels(message: Any) -> torch.Tensor:
+    """Pixels `[1, C, H, W]` uint8, C = 3 (RGB) or 1, of a `sensor_msgs/Image`.
+
+    Raises:
+        InputError: an encoding that is not read, or fewer bytes than it says.
+    """
+    order = ENCODINGS.get(message.encoding)
+    if order is None:
+        raise InputError(f"images of encoding {message.encoding!r} are not read; {', '.join(ENCODINGS)} are")
+    height, width, step, data = message.height, message.width, message.step, message.data
+    row = width * len(order)
+    if not 0 < row <= step or height < 1 or len(data) < height * step:
+        raise InputError(f"an image of {width}x{height} {message.encoding} cannot have {len(data)} bytes")
+    array = np.asarray(data)[: height * step].reshape(height, step)[:, :row].reshape(height, width, len(order))
+    if order[:3] != (0, 1, 2)[: len(order[:3])] or len(order) == 4:
+        array = array[..., list(order[:3])]
+    return torch.from_numpy(np.array(array)).permute(2, 0, 1)[None]
 
 
 def compressed_image(data: bytes, kind: str, frame: str, time: float) -> Any:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 import time
 from pathlib import Path
 
 from ndtorch_robot.ports import Step
 from ndtorch_robot.recording.reading import open_recording
-from ndtorch_robot.recording.recorder import Recorder, RecordSteps
+from ndtorch_robot.recording.recorder import Recorder
 
-SLOW = 0.2
-"""Seconds that each write takes on a slow disk."""
+SLOW = 0.6
+"""Seconds that each chunk takes on a slow disk."""
 
 
 class FaultyRecorder(Recorder):
@@ -25,33 +24,31 @@ class FaultyRecorder(Recorder):
 
     fault: str | None = None
 
-    def append(self, file: str, data: bytes) -> None:
-        """Write; a full disk takes the first half."""
+    def flush(self) -> None:
+        """Write a chunk; a full disk takes none."""
         if self.fault == "full":
-            super().append(file, data[: len(data) // 2])
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         if self.fault == "slow":
             time.sleep(SLOW)
-        super().append(file, data)
+        super().flush()
 
 
 class RecordingCheck:
     """An observer that records for the duration of a disk fault.
 
     Args:
-        folder: for the recording; it is removed at the end.
+        file: of the recording; it is removed at the end.
         fault: `"full"` or `"slow"`.
         lines: filled with the messages of the recorder.
     """
 
-    def __init__(self, folder: Path, fault: str, lines: list[str]) -> None:
-        shutil.rmtree(folder, ignore_errors=True)
-        self.recorder = FaultyRecorder(folder, {"program": "fault injection"}, format="raw", report=lines.append)
+    def __init__(self, file: Path, fault: str, lines: list[str]) -> None:
+        file.unlink(missing_ok=True)
+        self.recorder = FaultyRecorder(file, report=lines.append)
         self.recorder.fault = fault
-        self.record = RecordSteps(self.recorder)
 
     def __call__(self, step: Step) -> None:
-        self.record(step)
+        self.recorder(step)
 
     def end(self) -> str | None:
         """Close the recording; returns what is wrong with it, or None.
@@ -62,8 +59,8 @@ class RecordingCheck:
         recorder, fault = self.recorder, self.recorder.fault
         recorder.fault = None
         recorder.close()
-        read = sum(1 for _ in open_recording(recorder.folder).steps())
-        shutil.rmtree(recorder.folder, ignore_errors=True)
+        read = sum(1 for _ in open_recording(recorder.path).steps())
+        recorder.path.unlink(missing_ok=True)
         if fault == "full" and not recorder.failed:
             return "the full disk was not noticed"
         if fault == "slow" and recorder.failed:

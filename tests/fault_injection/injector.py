@@ -49,7 +49,7 @@ class FaultInjector:
         car: with `FaultyCameras`.
         world: in which it drives.
         seed: of the order and the times of the faults.
-        scratch: folder for recordings.
+        scratch: file of recordings.
 
     Attributes:
         rows: one for each fault, with its `reaction_s`, its `recovered_s` and its `failure`, in words, or None.

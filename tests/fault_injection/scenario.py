@@ -42,7 +42,7 @@ def drive_scenario(config: RunConfig, number: int, seconds: float) -> Scenario:
         assert isinstance(car.drive, HostedDrive)
         cameras = FaultyCameras(car.drive.world, number)
         car.cameras = cameras
-        injector = FaultInjector(car, car.drive.world, cameras, number, Path(scratch) / "recording")
+        injector = FaultInjector(car, car.drive.world, cameras, number, Path(scratch) / "recording.mcap")
         simulation = car.drive.world.simulation
         respawn = Respawn(simulation, car.runner)
         car.observers += [respawn, injector, resume_elsewhere(injector, respawn)]

@@ -75,11 +75,11 @@ def test_a_pulled_cable_stops_the_wheels_in_time(tmp_path):
 
 @pytest.mark.long
 def test_every_fault_stops_the_wheels_in_time_and_nothing_else_does(tmp_path):
-    injector, _ = inject(tmp_path / "recording", *(fault.name for fault in FAULTS))
+    injector, _ = inject(tmp_path / "recording.mcap", *(fault.name for fault in FAULTS))
     assert [row for row in injector.rows if row["failure"] is not None] == []
     assert injector.unexplained == []
     assert any("No space left on device" in line for line in injector.lines)
-    assert not (tmp_path / "recording").exists()
+    assert not (tmp_path / "recording.mcap").exists()
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_every_fault_stops_the_wheels_in_time_and_nothing_else_does(tmp_path):
     ids=["three", "all"],
 )
 def test_faults_stop_wheels_that_turn_backwards(tmp_path, names):
-    injector, lowest = inject(tmp_path / "recording", *names, backwards=True)
+    injector, lowest = inject(tmp_path / "recording.mcap", *names, backwards=True)
     assert lowest == pytest.approx(-0.3, abs=0.02)
     assert [row for row in injector.rows if row["failure"] is not None] == []
     assert all(row["reaction_s"] > 0 for row in injector.rows)

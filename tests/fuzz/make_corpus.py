@@ -122,27 +122,57 @@ def calibration(folder: Path) -> None:
 
 def recordings(folder: Path) -> None:
     from ndtorch.navigation import Strips
-    from ndtorch_robot.ports import DriveCommand, StereoFrames
+    from ndtorch_robot.ports import DriveCommand, Step, StereoFrames
     from ndtorch_robot.recording import Recorder
 
     def eye(n: int, strips: bool) -> Any:
         whole = torch.from_numpy(picture(n)).permute(2, 0, 1)[None].contiguous()
         return Strips(whole[..., :5, :7].contiguous(), whole[..., 6:7, :].contiguous()) if strips else whole
 
-    for kind, strips in (("png", False), ("jpeg", False), ("raw", True)):
-        with Recorder(folder / kind, {"program": "test"}, format=kind, reserve=0) as recorder:  # type: ignore[arg-type]
+    wanted, told = DriveCommand(0.5, 0.1), {"telemetry": {"battery_v": 7.4}, "placed": (0.0, 1.0, 0.5)}
+    for name, strips in (("whole", False), ("strips", True)):
+        with Recorder(folder / f"{name}.mcap", reserve=0) as recorder:
             for n in range(4):
                 frames = StereoFrames(eye(2 * n, strips), eye(2 * n + 1, strips), n / 30)
-                wanted = DriveCommand(0.5, 0.1 * n)
-                recorder.record_step(frames, wanted, wanted, {"battery_v": 7.4}, sent=wanted, placed=(0.0, 1.0, 0.5))
+                recorder(Step(n, n / 30, frames, wanted, wanted, wanted, **told))
 
 
 def replays(folder: Path) -> None:
-    from ndtorch.cli.commands import main
+    from ndtorch.navigation import NavigatorOptions, StereoRig
+    from ndtorch_robot.navigator_runner import NavigatorRunner
+    from ndtorch_robot.ports import STAND, Step, StereoFrames
+    from ndtorch_robot.recording import Recorder
 
-    words = f"drive --seconds 0.1 --record-format jpeg --record {folder}/drive --out {folder}/out"
-    main(words.split())
-    shutil.rmtree(folder / "out", ignore_errors=True)
+    rig = StereoRig(width=64, height=48, focal=43.0)
+    runner = NavigatorRunner(NavigatorOptions("published"), rig, 30.0)
+    with Recorder(folder / "drive.mcap", runner, reserve=0, when_full="wait") as recorder:
+        for n in range(3):
+            eyes = (torch.from_numpy(picture(k, (48, 64))).permute(2, 0, 1)[None] for k in (n, n + 1))
+            frames = StereoFrames(*eyes, n / 30)
+            wanted = runner.step(frames, STAND)
+            recorder(Step(n, n / 30, frames, STAND, wanted, wanted, runner.state))
+
+
+def bags(folder: Path) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    from ndtorch.navigation import StereoRig
+    from ndtorch_robot import ros_messages as ros
+    from ndtorch_robot.ports import STAND
+
+    rig = StereoRig(width=16, height=12, focal=10.0)
+    with Writer(folder / "folder", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        for n in range(3):
+            told = [("/odom", ros.odometry(ros.Pose(0.1 * n, 0.0, 0.0), STAND, n / 30))]
+            for k, (side, info) in enumerate(zip(("left", "right"), ros.camera_infos(rig), strict=True)):
+                image = torch.from_numpy(picture(n + k)).permute(2, 0, 1)[None]
+                told += [(f"/{side}/image_rect", ros.image(image, side, n / 30)), (f"/{side}/camera_info", info)]
+            for topic, message in told:
+                known = {connection.topic: connection for connection in bag.connections}
+                kind = message.__msgtype__
+                where = known.get(topic) or bag.add_connection(topic, kind, typestore=ros.typestore())
+                bag.write(where, round(n / 30 * 1e9), ros.to_cdr(message))
+    shutil.copy(next((folder / "folder").glob("*.mcap")), folder / "file.mcap")
 
 
 def lines(folder: Path) -> None:
@@ -212,6 +242,7 @@ MAKERS = {
     "calibration": calibration,
     "recording": recordings,
     "replay": replays,
+    "bag": bags,
     "line": lines,
     "video": videos,
     "pictures": pictures,

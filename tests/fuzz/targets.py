@@ -136,24 +136,35 @@ def read_recording(path: Path) -> Any:
 
 
 def craft_recording(chance: random.Random, path: Path) -> None:
-    from ndtorch_robot.recording.recorder import HEADER, STEPS
-    from ndtorch_robot.recording.streams import checked_line, crc_of
+    from ndtorch_robot.recording.streams import STEP, crc_of
+    from tests.robot.support.recorded import edited, rewrite
 
+    header, at = {}, chance.randrange(4)
     if chance.random() < 0.3:
-        header = json.loads((path / HEADER).read_text())
-        del header["crc"]
-        header = mutate.damaged_values(chance, header)
-        if isinstance(header, dict):
-            header["crc"] = crc_of(header)
-        (path / HEADER).write_text(json.dumps(header))
-        return
-    lines = (path / STEPS).read_bytes().splitlines()
-    at = chance.randrange(len(lines))
-    values = json.loads(lines[at])
-    values.pop("crc", None)
-    made = mutate.damaged_values(chance, values)
-    lines[at] = checked_line(made).rstrip(b"\n") if isinstance(made, dict) else json.dumps(made).encode()
-    (path / STEPS).write_bytes(b"\n".join(lines) + b"\n")
+        configuration = read_recording_header(path)
+        text = json.dumps(mutate.damaged_values(chance, configuration))
+        header, at = {"configuration": text, "crc": crc_of(text)}, -1
+
+    def change(topic: str, number: int, data: bytes) -> bytes:
+        if number != at:
+            return data
+        if topic == STEP:
+            return edited(data, lambda values: mutate.damaged_values(chance, values))
+        return mutate.damaged_bytes(chance, data, [data]) if chance.random() < 0.3 else data
+
+    rewrite(path, change, header)
+
+
+def read_recording_header(path: Path) -> Any:
+    from ndtorch_robot.recording.reading import open_recording
+
+    return open_recording(path).configuration
+
+
+def read_bag(path: Path) -> Any:
+    from ndtorch_robot.recording.bags import StereoBag
+
+    return list(StereoBag(path).pairs())
 
 
 def replay_recording(path: Path) -> Any:
@@ -238,6 +249,7 @@ TARGETS = {
         Target("calibration", named("ndtorch_robot.calibration.model:read_calibration")),
         Target("recording", read_recording, craft_recording, 0.7),
         Target("replay", replay_recording, craft_recording, 0.8),
+        Target("bag", read_bag),
         Target("line", read_line, craft_line),
         Target("video", read_video),
         Target("pictures", read_pictures),

@@ -188,9 +188,9 @@ def known_map(golden: Kept | None) -> Kept:
 
 
 def replayed() -> Kept:
-    """A drive of 3 s is recorded as PNG and driven again from its frames."""
+    """A drive of 3 s is recorded and driven again from its frames."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "recording"
+        path = Path(folder) / "recording.mcap"
         driven(None, arena="loop", controller="ranging", seconds=3.0, record=path)
         recording = open_recording(path)
         comparison = replay(recording, make_runner(recording.configuration))

@@ -58,9 +58,7 @@ class Drive:
     view_at: str | None = None
     """The drive is served at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
     record: Path | None = None
-    """The drive is recorded into this new folder for `ndtorch replay`."""
-    record_format: Literal["png", "jpeg", "raw"] | None = None
-    """Frames of the recording have this format: png (default) and raw are lossless, jpeg is small."""
+    """The drive is recorded into this new file, NAME.mcap, for `ndtorch replay`, Foxglove and ROS 2."""
     open: bool = False
     """The browser shows report.html when the drive has ended."""
     json: bool = False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import logging
 import signal
 import sys
 from dataclasses import asdict, dataclass
@@ -18,10 +17,8 @@ from ndtorch.errors import InputError
 if TYPE_CHECKING:
     from ndtorch_robot.recording import Comparison, Recording
 
-log = logging.getLogger("ndtorch_robot.replay")
-
 DIFFERENT = 1
-"""Exit code when lossless frames give other commands than were recorded."""
+"""Exit code when the frames give other commands than were recorded."""
 
 NOT_ALL = 3
 """Exit code when the commands are the same as far as they could be compared, and not all could be."""
@@ -31,13 +28,13 @@ NOT_ALL = 3
 class Replay:
     """Drive a recording again and compare the commands.
 
-    The same program runs on the recorded frames and odometry. From lossless frames it must want the same to the
-    bit, or the exit code is 1; from JPEG it is said how much it differs. A recording that was cut short or is
-    damaged is replayed as far as it can be; it is said what was not, and the exit code is 3.
+    The same program runs on the recorded frames and odometry, and must want the same to the bit, or the exit code is 1.
+    A recording that was cut short or is damaged is replayed as far as it can be; it is said what was not, and the exit
+    code is 3.
     """
 
-    folder: Annotated[Path, tyro.conf.Positional]
-    """The recording in this folder is replayed."""
+    file: Annotated[Path, tyro.conf.Positional]
+    """This recording is replayed, NAME.mcap."""
     rrd: Path | None = None
     """The replay is also written into this file for the rerun viewer."""
     view: bool = False
@@ -53,12 +50,9 @@ class Replay:
         from ndtorch_robot.recording import open_recording
 
         torch.set_num_threads(1)
-        recording = open_recording(self.folder)
-        if not recording.lossless:
-            log.info("the frames are JPEG: they can be watched, and the commands differ from those of the drive")
+        recording = open_recording(self.file)
         comparison = self.shown(recording) if self.rrd or self.view or self.view_at else self.plain(recording)
         result = asdict(comparison) | {
-            "frames": recording.kind,
             "complete": recording.complete,
             "missing": recording.missing,
             "damaged": recording.damaged,
@@ -77,7 +71,7 @@ class Replay:
             if half is not None:
                 raise InputError(half)
         gaps = bool(comparison.skipped or recording.missing or recording.damaged)
-        if recording.lossless and not gaps and comparison.same < comparison.steps:
+        if not gaps and comparison.same < comparison.steps:
             return DIFFERENT
         return NOT_ALL if gaps or not recording.complete or not comparison.steps else 0
 
@@ -93,7 +87,7 @@ class Replay:
 
         runner = make_runner(recording.configuration, mapping=True)
         where = Where(self.rrd, self.view, self.view_at)
-        stream = open_stream(f"replay {self.folder.name}", where, layout())
+        stream = open_stream(f"replay {self.file.stem}", where, layout())
 
         view = start_view(stream, runner, print_note, wait=True)
         observer = ViewSteps(view, "replay")
@@ -110,11 +104,11 @@ class Replay:
 
 
 def describe(recording: Recording, r: dict[str, Any]) -> str:
-    lines = [f"{r['steps']} steps of {recording.folder} replayed from {r['frames']} frames"]
+    lines = [f"{r['steps']} steps of {recording.path} replayed"]
     if not r["complete"]:
         lines.append("  the recording was cut short" + (f": {r['trouble']}" if r["trouble"] else ""))
     if r["damaged"]:
-        lines.append(f"  {r['damaged']} lines or their frames are damaged and were left out: {r['trouble']}")
+        lines.append(f"  {r['damaged']} chunks or steps are damaged and were left out: {r['trouble']}")
     if r["skipped"] or r["missing"]:
         lines.append(
             f"  {r['skipped']} steps without frames and {r['missing']} lost ones: the navigator saw other things"

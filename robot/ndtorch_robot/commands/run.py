@@ -7,7 +7,7 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
@@ -30,6 +30,7 @@ class Run:
     """
 
     renamed: ClassVar[dict[str, str]] = {"--stress": "--disturbance"}
+    gone: ClassVar[dict[str, str]] = {"--record-format": "recordings hold what the navigator reads, lossless"}
 
     config: Annotated[Path, tyro.conf.Positional]
     """This TOML file describes the car, or one that comes along: maxstone8, or sim for one without hardware."""
@@ -40,9 +41,7 @@ class Run:
     disturbance: str = ""
     """In a simulated world, these disturbances act on cameras and car: names or KEY=NUMBER as of `ndtorch drive`."""
     record: Path | None = None
-    """The drive is recorded into this new folder for `ndtorch replay`."""
-    record_format: Literal["png", "jpeg", "raw"] = "jpeg"
-    """Frames of the recording have this format: png and raw are lossless, jpeg is small."""
+    """The drive is recorded into this new file, NAME.mcap, for `ndtorch replay`, Foxglove and ROS 2."""
     save_map: Path | None = None
     """The map is written into this folder at the end, if navigation.map_half_size_m is above 0."""
     rrd: Path | None = None
@@ -60,7 +59,7 @@ class Run:
         from ndtorch.utils.toml import read_toml
         from ndtorch_robot.emergency import HELP, emergency_stops
         from ndtorch_robot.map_saving import WalkedPath, save_runner_map
-        from ndtorch_robot.recording import Recorder, RecordSteps
+        from ndtorch_robot.recording import Recorder
         from ndtorch_robot.run import open_car, real_time_priority, timed_report
         from ndtorch_robot.run_config import RunConfig
 
@@ -87,8 +86,8 @@ class Run:
             stack.enter_context(emergency_stops(car.safe, car.ended))
             recorder = None
             if self.record is not None:
-                recorder = Recorder(self.record, car.runner.configuration(), format=self.record_format, report=report)
-                car.observers.append(RecordSteps(stack.enter_context(recorder)))
+                recorder = stack.enter_context(Recorder(self.record, car.runner, report=report))
+                car.observers.append(recorder)
             view = None
             if stream is not None:
                 from ndtorch_robot.view import ViewSteps, start_view

@@ -1,31 +1,36 @@
-"""Reading a recording back, also one that was cut short."""
+"""Reading a recording back, also one that was cut short or damaged."""
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, cast
-from zlib import crc32
+from typing import IO, Any
 
-from torch import Tensor
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Message, Metadata
+from mcap.stream_reader import MAGIC_SIZE, breakup_chunk
+from mcap.writer import MCAP0_MAGIC
 
 from ndtorch.errors import InputError
-from ndtorch.utils.files import TABLE_BYTES, open_regular, read_text
-from ndtorch_robot.ports import DriveCommand, Placed, Step, StereoFrames
-from ndtorch_robot.recording.recorder import HEADER, STEPS, VERSION
-from ndtorch_robot.recording.streams import SUFFIXES, Format, crc_of, decode, frames_of, is_intact
-
-LARGEST = 2**28
-"""Bytes of the largest image that is read: more is no image of a camera."""
+from ndtorch.utils.files import open_regular
+from ndtorch_robot import ros_messages as ros
+from ndtorch_robot.ports import Step, StereoFrames
+from ndtorch_robot.recording.streams import END, HEADER, STEP, VERSION, crc_of, frames_of, image_topic, step_of
 
 RECORDING_BYTES = 2**42
-"""Most bytes of one file of a recording."""
+"""Most bytes of a recording."""
 
-LINE_BYTES = 2**20
-"""Most bytes of the line of a step."""
+CHUNK_BYTES = 2**29
+"""Most bytes of a record, and of what is compressed in it."""
+
+IMAGE = "sensor_msgs/msg/Image"
+
+OLD = "is a recording of ndtorch 0.2 or older: ndtorch-robot==0.2.0 replays it"
 
 
 @dataclass
@@ -33,166 +38,149 @@ class Recording:
     """A recording on the disk.
 
     Attributes:
-        configuration: as given to `Recorder`.
-        kind: format of the frames.
-        complete: whether the last line says that the recording was closed; known after reading.
-        trouble: why reading ended before the last line, or nothing; known after reading.
-        missing: steps that were dropped, from gaps in their numbers; known after reading.
-        damaged: lines that are not as they were written, or whose frames are not; known after reading.
+        configuration: of `NavigatorRunner`.
+        complete: whether its end says that the recording was closed; known after reading.
+        trouble: why reading ended before that, or nothing; known after reading.
+        missing: steps that are not there, from gaps in their numbers; known after reading.
+        damaged: chunks and steps that are not as they were written; known after reading.
     """
 
-    folder: Path
+    path: Path
     configuration: dict[str, Any]
-    kind: Format
     complete: bool = False
     trouble: str = ""
     missing: int = 0
     damaged: int = 0
-    files: dict[str, IO[bytes]] = field(default_factory=dict)
-
-    @property
-    def lossless(self) -> bool:
-        return self.kind != "jpeg"
+    topics: dict[int, str] = field(default_factory=dict)
 
     def steps(self) -> Iterator[Step]:
         """All steps but those that are damaged or not wholly there.
 
-        They are as `Recorder` was given them, without the state of the navigator; `frames` is None where they were
-        not kept, and `sent` is what was wanted where nothing else was written down.
+        They are as `Recorder` was given them, without the state of the navigator, and numbered from 0; of whole frames
+        there are the strips that were read, and `frames` is None where they were not kept.
         """
         self.complete, self.trouble, self.missing, self.damaged = False, "", 0, 0
+        self.topics.clear()
         expected = 0
         try:
-            with open_regular(self.folder / STEPS, RECORDING_BYTES) as lines:
-                for line in iter(lambda: lines.readline(LINE_BYTES), b""):
-                    if not line.endswith(b"\n"):
-                        self.trouble = self.trouble or "the last line was not written to its end"
-                        return
-                    step = self.step(line)
-                    if self.complete:
-                        return
-                    if step is None:
-                        self.damaged += 1
-                        expected += 1
-                        continue
-                    self.missing += step.number - expected
-                    expected = step.number + 1
-                    yield step
+            with open_regular(self.path, RECORDING_BYTES) as file:
+                for opcode, content in records(file):
+                    if opcode == Opcode.METADATA:
+                        expected = self.end(content, expected)
+                    for step in self.chunk(content) if opcode == Opcode.CHUNK else ():
+                        self.missing += max(0, step.number - expected)
+                        expected = step.number + 1
+                        yield step
         except OSError as error:
-            raise InputError(f"{self.folder / STEPS}: cannot be read ({error.strerror})") from None
-        finally:
-            for file in self.files.values():
-                file.close()
-            self.files.clear()
+            raise InputError(f"{self.path}: cannot be read ({error.strerror})") from None
+        if not self.complete:
+            self.trouble = self.trouble or "its end was not written"
 
-    def step(self, line: bytes) -> Step | None:
-        """A line as a step; None at the end, or for one that cannot be used."""
-        if not is_intact(line):
-            self.trouble = self.trouble or "a line is damaged"
-            return None
+    def end(self, content: bytes, expected: int) -> int:
+        """The number of the next step, where metadata are those of the end: none."""
         try:
-            values = json.loads(line)
-            if values.get("end"):
-                self.complete = True
-                return None
-            number, (time,) = int(values["n"]), numbers([values["time"]], 1)
-            commands = {
-                key: DriveCommand(*numbers(values[key], 2)) for key in ("driven", "command", "sent") if key in values
-            }
-            driven, command = commands["driven"], commands["command"]
-            where = values.get("frames")
-            frames = None if where is None else self.frames(where, time)
-            if where is not None and frames is None:
-                self.trouble = self.trouble or f"the frames of step {number} are damaged, or not wholly there"
-                return None
-            placed = numbers(values["placed"], 3) if "placed" in values else None
-            telemetry = dict(values.get("telemetry") or {})
-            standing = telemetry.pop("standing", None)
-            if not isinstance(standing, str | None):
-                raise TypeError("standing must be text")
-        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
-            self.trouble = self.trouble or "a line is damaged"
+            told = Metadata.read(ReadDataStream(BytesIO(content)))
+            if told.name == END:
+                given = int(told.metadata["given"])
+                self.complete, self.missing = True, self.missing + max(0, given - expected)
+                return given
+        except Exception:  # whatever a damaged record does to the package that reads it
+            self.note("a record is damaged")
+        return expected
+
+    def note(self, trouble: str) -> None:
+        self.damaged += 1
+        self.trouble = self.trouble or trouble
+
+    def chunk(self, content: bytes) -> Iterator[Step]:
+        """The steps of a chunk; none of one that is damaged."""
+        try:
+            chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+            if chunk.compression == "zstd":
+                size = zstandard.get_frame_parameters(chunk.data).content_size
+                if not size == chunk.uncompressed_size <= CHUNK_BYTES:
+                    raise ValueError("a size that does not fit")
+            elif chunk.compression:
+                raise ValueError("an unknown compression")
+            found = breakup_chunk(chunk, validate_crc=True)
+        except Exception:  # whatever a damaged chunk does to the packages that read it
+            self.note("a chunk is damaged")
+            return
+        images: dict[str, bytes] = {}
+        for record in found:
+            if isinstance(record, Channel):
+                self.topics[record.id] = record.topic
+            elif isinstance(record, Message):
+                topic = self.topics.get(record.channel_id, "")
+                if topic == STEP:
+                    step = self.step(record.data, images)
+                    images = {}
+                    if step is not None:
+                        yield step
+                else:
+                    images[topic] = record.data
+
+    def step(self, data: bytes, images: dict[str, bytes]) -> Step | None:
+        """A message as a step, with its images by topic; None for one that cannot be used."""
+        try:
+            step, taken, names = step_of(ros.from_cdr(data, "std_msgs/msg/String").data)
+            if not names:
+                return step
+            found = {name: ros.image_pixels(ros.from_cdr(images[image_topic(name)], IMAGE)) for name in names}
+            return step._replace(frames=StereoFrames(*frames_of(found), taken))
+        except Exception:  # whatever a message of wrong content does to the packages that read it
+            self.note("a step is damaged, or its frames are not there")
             return None
-        return Step(
-            number,
-            time,
-            frames,
-            driven,
-            command,
-            commands.get("sent", command),
-            standing=standing,
-            used=bool(values.get("used", True)),
-            restarted=bool(values.get("restarted", False)),
-            placed=None if placed is None else cast("Placed", tuple(placed)),
-            telemetry=telemetry,
-        )
-
-    def frames(self, where: dict[str, dict[str, Any]], time: float) -> StereoFrames | None:
-        """The frames of a step, or None where some are missing."""
-        found: dict[str, Tensor] = {}
-        for name, place in where.items():
-            channels, height, width = place["shape"]
-            if not 0 <= place["bytes"] <= LARGEST or channels not in (1, 3) or not 0 < height * width <= LARGEST:
-                return None
-            data = self.bytes_of(name, place["at"], place["bytes"])
-            if crc32(data) != place["crc"]:
-                return None
-            image = decode(data, (channels, height, width), self.kind)
-            if image is None:
-                return None
-            found[name] = image
-        return StereoFrames(*frames_of(found), time)
-
-    def bytes_of(self, stream: str, at: int, count: int) -> bytes:
-        file = f"{Path(stream).name}.{SUFFIXES[self.kind]}"
-        if file not in self.files:
-            try:
-                self.files[file] = open_regular(self.folder / file, RECORDING_BYTES)
-            except (OSError, InputError):
-                return b""
-        self.files[file].seek(at)
-        return self.files[file].read(count)
 
 
-def numbers(values: Any, count: int) -> list[float]:
-    """So many finite numbers.
+def records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
+    """Records of a file of MCAP, opcode and content, up to the last whole one."""
+    if file.read(MAGIC_SIZE) != MCAP0_MAGIC:
+        raise InputError(f"{file.name}: not a recording")
+    while len(head := file.read(9)) == 9:
+        length = int.from_bytes(head[1:], "little")
+        if length > CHUNK_BYTES or len(content := file.read(length)) != length:
+            return
+        yield head[0], content
+        if head[0] == Opcode.FOOTER:
+            return
 
-    Raises:
-        ValueError: other ones, or other things.
-    """
-    found = [float(value) for value in values if isinstance(value, int | float)]
-    if len(found) != count or len(values) != count or not all(map(math.isfinite, found)):
-        raise ValueError(f"expected {count} numbers, got {values}")
-    return found
 
-
-def open_recording(folder: Path) -> Recording:
+def open_recording(path: Path) -> Recording:
     """Open a recording.
 
     Raises:
-        InputError: a folder without one, or one of another version.
+        InputError: what is none, or one of another version.
     """
-    path = folder / HEADER
+    if path.is_dir() and (path / "recording.json").exists():
+        raise InputError(f"{path} {OLD}")
     try:
-        header = json.loads(read_text(path, TABLE_BYTES))
-        if header["format"] != "ndtorch recording":
-            raise KeyError
-        version, kind, configuration = header["version"], header["frames"], header["configuration"]
-        if not isinstance(kind, str) or not isinstance(configuration, dict):
-            raise TypeError
-        intact = header.pop("crc", None) == crc_of(header)
-    except FileNotFoundError:
-        raise InputError(f"{folder}: not a recording ({HEADER} is missing)") from None
+        with open_regular(path, RECORDING_BYTES) as file:
+            for opcode, content in records(file):
+                if opcode == Opcode.METADATA:
+                    return Recording(path, configuration_of(path, content))
+                if opcode == Opcode.CHUNK:
+                    break
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    raise InputError(f"{path}: not a recording of ndtorch; `ndtorch import` reads those of others")
+
+
+def configuration_of(path: Path, content: bytes) -> dict[str, Any]:
+    """What the metadata at the beginning hold.
+
+    Raises:
+        InputError: of another version, or damaged.
+    """
+    try:
+        told = Metadata.read(ReadDataStream(BytesIO(content)))
+        text, version = told.metadata["configuration"], told.metadata["version"]
+        intact = told.name == HEADER and told.metadata["crc"] == crc_of(text)
+        configuration = json.loads(text)
+    except Exception:  # whatever a damaged record does to the package that reads it
         raise InputError(f"{path}: not the beginning of a recording") from None
-    if version != VERSION or kind not in SUFFIXES:
-        raise InputError(f"{path}: version {version} with {kind!r} frames, this program reads version {VERSION}")
-    if not intact:
+    if version != str(VERSION):
+        raise InputError(f"{path}: version {version}, this program reads version {VERSION}")
+    if not intact or not isinstance(configuration, dict):
         raise InputError(f"{path}: damaged, its checksum does not fit")
-    if not (folder / STEPS).exists():
-        raise InputError(f"{folder}: the recording holds no steps ({STEPS} is missing)")
-    return Recording(folder, configuration, cast("Format", kind))
+    return configuration

@@ -1,59 +1,88 @@
-"""Writing down a drive while it goes on: a queue, a thread, and files that only grow."""
+"""Writing down a drive while it goes on: a queue, a thread, and one MCAP file of ROS 2 messages that only grows."""
 
 from __future__ import annotations
 
+import contextlib
 import json
+import math
 import os
 import threading
 from collections import deque
 from pathlib import Path
 from time import monotonic
-from typing import IO, Any, Literal, NamedTuple
-from zlib import crc32
+from typing import Any, Literal, NamedTuple
 
+from mcap.writer import Writer
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch_robot.ports import Closing, DriveCommand, Placed, Report, Step, StereoFrames
-from ndtorch_robot.recording.streams import JPEG_QUALITY, SUFFIXES, Format, checked_line, crc_of, encode, images_of
+from ndtorch.navigation import GridMap, Pose, Ranges, cut_strips
+from ndtorch.navigation.mapping.grid_map import GridMapState
+from ndtorch_robot import ros_messages as ros
+from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.ports import Closing, Report, Step
+from ndtorch_robot.recording.streams import (
+    END,
+    HEADER,
+    STEP,
+    VERSION,
+    crc_of,
+    image_topic,
+    images_of,
+    jpeg,
+    line_of,
+)
 
-VERSION = 2
-HEADER, STEPS = "recording.json", "steps.jsonl"
-
-SYNC = 1.0
-"""Seconds after which everything is on the disk: what a power cut may cost. A kill costs only the queue."""
+FLUSH = 0.5
+"""Seconds of a chunk, which is written at its end and then forced onto the disk: a cut file loses no more."""
 
 RESERVE = 100_000_000
 """Bytes to leave free on the disk, since a full one makes a computer fall over."""
 
 WAIT = 0.4
 """Seconds after which a step is written without its frames, and no more frames are let into the queue: what a kill may
-cost stays at this much and the time for one step's images."""
+cost stays at this much, a chunk, and the time for one step's images."""
 
 LINES = 20
 """So many times more steps may wait without their frames than with them."""
 
+MAP_EVERY, PICTURE_EVERY, TOLD_EVERY = 5.0, 0.2, 1.0
+"""Seconds between two maps, two whole pictures and two diagnostics."""
+
+CHUNK = 1 << 30
+"""Bytes after which `mcap` would end a chunk by itself: never, so that every chunk holds whole steps."""
+
+
+class Believed(NamedTuple):
+    """What the navigator made of a step; `map` is None where none is due."""
+
+    ranges: Ranges
+    pose: Pose
+    place: Pose
+    map: GridMapState | None
+
 
 class Waiting(NamedTuple):
-    """One step on its way to the disk; `frames` is None when there was no room for them."""
+    """One step on its way to the disk; `images` is None when there was no room for them."""
 
+    step: Step
     line: dict[str, Any]
-    frames: dict[str, Tensor] | None
+    images: dict[str, Tensor] | None
+    believed: Believed | None
     since: float
 
 
 class Recorder(Closing):
-    """Records steps into a new folder, in its own thread; the format is in docs/file-formats.md.
+    """An observer that records every step into a new file, in its own thread; docs/file-formats.md has the topics.
 
-    `record_step` never waits, and never raises for the disk: when the queue is full the step is kept without its
-    frames, and when that is too much it is dropped; both are counted. When the disk fails, recording ends,
-    `failed` says why, and driving goes on.
+    Of whole frames the strips that the navigator reads are kept, lossless, and now and then a picture to look at. It
+    never waits, and never raises for the disk: when the queue is full the step is kept without its frames, and when
+    that is too much it is dropped; both are counted. When the disk fails, recording ends, `failed` says why, and
+    driving goes on.
 
     Args:
-        folder: where to; made when missing, and must not hold a recording.
-        configuration: whatever is needed to run the same loop again; goes into `recording.json`.
-        format: `"png"` (lossless), `"jpeg"`, or `"raw"` (lossless, large, cheap).
-        quality: of JPEG, 1..100.
+        path: a new file, `NAME.mcap`.
+        runner: what is recorded; None for frames alone, which are then kept whole.
         queue: steps that may wait with their frames.
         when_full: `"drop"`, or `"wait"` for a simulation, whose time stands still meanwhile.
         report: told when recording ends before it should.
@@ -64,121 +93,133 @@ class Recorder(Closing):
         failed: why recording has ended, or nothing.
 
     Raises:
-        InputError: an unusable folder, or one that holds a recording; an option out of range.
+        InputError: a file that is there already or cannot be made, or of another suffix; a queue of nothing.
     """
 
     def __init__(
         self,
-        folder: Path,
-        configuration: dict[str, Any],
+        path: Path,
+        runner: NavigatorRunner | None = None,
         *,
-        format: Format = "png",
-        quality: int = JPEG_QUALITY,
         queue: int = 60,
         when_full: Literal["drop", "wait"] = "drop",
         report: Report | None = None,
         reserve: int = RESERVE,
     ) -> None:
-        if format not in SUFFIXES or not 1 <= quality <= 100 or queue < 1:
-            raise InputError(
-                f"expected format png, jpeg or raw, quality 1..100 and queue >= 1, got {format}, {quality} and {queue}"
-            )
-        self.folder, self.kind, self.quality = folder, format, quality
+        if queue < 1 or path.suffix != ".mcap":
+            raise InputError(f"expected a file NAME.mcap and queue >= 1, got {path} and {queue}")
+        self.path, self.runner = path, runner
         self.limit, self.when_full, self.report, self.reserve = queue, when_full, report, reserve
         self.steps = self.without_frames = self.dropped = self.pending = self.number = 0
         self.failed = ""
         self.waiting: deque[Waiting] = deque()
         self.changed = threading.Condition()
         self.closing = False
-        self.ends: dict[str, int] = {}
-        self.files: dict[str, IO[bytes]] = {}
-        self.synced = monotonic()
+        self.next_map = self.next_picture = -math.inf
+        self.told: tuple[str | None, float] = ("", -math.inf)
+        self.began, self.flushed, self.now = math.nan, monotonic(), 0.0
+        self.taken, self.kept = 0, (0, 0)
         self.forcing: threading.Thread | None = None
         self.disk_error: Exception | None = None
-        header = {"format": "ndtorch recording", "version": VERSION, "frames": format, "configuration": configuration}
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            if (folder / HEADER).exists() or (folder / STEPS).exists():
-                raise InputError(f"{folder} holds a recording already: choose another folder")
-            text = json.dumps(header | {"crc": crc_of(header)}, indent=1)
-            (folder / HEADER).write_text(text + "\n", encoding="utf-8")
-            self.open(STEPS)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.file = path.open("xb")
+        except FileExistsError:
+            raise InputError(f"{path} exists already: choose another name") from None
         except OSError as error:
-            raise InputError(f"{folder}: cannot record into this folder ({error.strerror})") from None
+            raise InputError(f"{path}: cannot record into this file ({error.strerror})") from None
+        self.writer: Any = Writer(self.file, chunk_size=CHUNK)
+        self.channels: dict[str, int] = {}
+        configuration = json.dumps({} if runner is None else runner.configuration())
+        try:
+            self.writer.start(profile="ros2", library="ndtorch")
+            header = {"version": str(VERSION), "configuration": configuration, "crc": crc_of(configuration)}
+            self.writer.add_metadata(HEADER, header)
+            self.file.flush()
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self.file.close()
+            raise InputError(f"{path}: cannot record into this file ({error.strerror})") from None
         self.thread = threading.Thread(target=self.run, name="recorder", daemon=True)
         self.thread.start()
 
-    def record_step(
-        self,
-        frames: StereoFrames | None,
-        driven: DriveCommand,
-        command: DriveCommand,
-        telemetry: dict[str, Any] | None = None,
-        *,
-        sent: DriveCommand | None = None,
-        placed: Placed = None,
-        restarted: bool = False,
-        used: bool = True,
-        time: float | None = None,
-    ) -> bool:
-        """Note one step; returns whether it will be written with its frames.
+    def __call__(self, step: Step) -> None:
+        self.record(step)
 
-        Args:
-            frames: what the navigator read; None when the cameras gave nothing.
-            driven: what it was told that the car had done.
-            command: what it answered.
-            telemetry: anything that JSON can hold.
-            sent: what the drive made of the command.
-            placed: where someone had put the car before this step, so that the navigator began anew.
-            restarted: whether it began anew for another reason.
-            used: False where the navigator was not asked.
-            time: of a step without frames, s.
-        """
-        when = frames.time if frames is not None else time
-        line: dict[str, Any] = {"n": self.number, "time": when, "driven": list(driven), "command": list(command)}
-        line |= {"restarted": True} if restarted else {}
-        line |= {} if used else {"used": False}
-        line |= {} if sent is None else {"sent": list(sent)}
-        line |= {} if placed is None else {"placed": list(placed)}
-        line |= {} if telemetry is None else {"telemetry": telemetry}
-        self.number += 1
-        # A strip that is a view would keep its whole frame waiting with it.
-        seen = {
-            name: image.clone() if image.untyped_storage().nbytes() > 2 * image.numel() else image
-            for name, image in (images_of(frames.left, frames.right) if frames is not None else {}).items()
-        }
+    def record(self, step: Step) -> bool:
+        """Note one step; returns whether it will be written with its frames."""
+        waiting = self.waiting_of(step)
         with self.changed:
             while self.when_full == "wait" and self.pending >= self.limit and not self.failed:
                 self.changed.wait()
             if self.failed or self.closing:
                 self.dropped += 1
                 return False
-            now = monotonic()
+            now, seen = monotonic(), bool(waiting.images)
             late = self.when_full == "drop" and bool(self.waiting) and now - self.waiting[0].since > WAIT
             room = not seen or (self.pending < self.limit and not late)
             if not room and len(self.waiting) >= LINES * self.limit:
                 self.dropped += 1
                 return False
-            self.pending += room and bool(seen)
-            self.waiting.append(Waiting(line, seen if room else None, now))
+            self.pending += room and seen
+            self.waiting.append(waiting._replace(images=waiting.images if room else None, since=now))
             self.changed.notify_all()
         return room
+
+    def waiting_of(self, step: Step) -> Waiting:
+        """What is kept of a step, its number the next one."""
+        step = step._replace(number=self.number)
+        self.number += 1
+        # A strip that is a view would keep its whole frame waiting with it.
+        seen = {
+            name: image.clone() if image.untyped_storage().nbytes() > 2 * image.numel() else image
+            for name, image in self.images(step).items()
+        }
+        state, believed = step.state, None
+        if state is not None:
+            due = state.map is not None and step.time >= self.next_map
+            self.next_map = step.time + MAP_EVERY if due else self.next_map
+            believed = Believed(state.ranges, state.pose, state.place, state.map if due else None)
+        return Waiting(step._replace(frames=None, state=None), line_of(step), seen, believed, monotonic())
+
+    def images(self, step: Step) -> dict[str, Tensor]:
+        """What is kept of the frames, by name: the strips, and the left and right picture where one is due."""
+        frames = step.frames
+        if frames is None:
+            return {}
+        found = images_of(frames.left, frames.right)
+        if self.runner is None or "left/image" not in found:
+            return found
+        fields, rig = self.runner.fields, self.runner.rig
+        if any(tuple(image.shape[-2:]) != (rig.height, rig.width) for image in found.values()):
+            return found  # a broken camera: such frames are not used
+        left, right = map(cut_strips, found.values(), fields, (rig, rig))
+        pictures = {}
+        if not step.time < self.next_picture:
+            self.next_picture = step.time + PICTURE_EVERY
+            pictures = {name.replace("image", "picture/compressed"): image for name, image in found.items()}
+        return images_of(left, right) | pictures
 
     def run(self) -> None:
         """The thread: write until closed or the disk fails."""
         while True:
             with self.changed:
-                while not self.waiting and not self.closing:
-                    self.changed.wait()
-                if not self.waiting:
+                if not self.waiting and not self.closing:
+                    self.changed.wait(FLUSH)
+                step = self.waiting.popleft() if self.waiting else None
+                self.taken += step is not None
+                if step is None and self.closing:
                     return
-                step = self.waiting.popleft()
-            pending = bool(step.frames)
-            if self.when_full == "drop" and not self.closing and monotonic() - step.since > WAIT:
-                # The queue was short when this came in, but its images take longer than there is time.
-                step = step._replace(frames=None)
+            pending = step is not None and bool(step.images)
             try:
-                self.write(step)
+                if step is not None:
+                    if self.when_full == "drop" and not self.closing and monotonic() - step.since > WAIT:
+                        # The queue was short when this came in, but its images take longer than there is time.
+                        step = step._replace(images=None)
+                    self.write(step)
+                due = monotonic() - self.flushed >= FLUSH or abs(self.now - self.began) >= FLUSH
+                if due and self.steps > self.kept[0]:
+                    self.flush()
             except Exception as error:  # whatever it is, driving goes on
                 self.fail(error)
                 return
@@ -186,73 +227,89 @@ class Recorder(Closing):
                 self.pending -= pending
                 self.changed.notify_all()
 
-    def write(self, step: Waiting) -> None:
-        """One step: first the frames, then the line that says where they are, so that no line lies."""
-        where: dict[str, Any] = {}
-        for name, image in (step.frames or {}).items():
-            data = encode(image, self.kind, self.quality)
-            file = f"{name}.{SUFFIXES[self.kind]}"
-            size, shape = len(data), list(image.shape[1:])
-            where[name] = {"at": self.ends.get(file, 0), "bytes": size, "shape": shape, "crc": crc32(data)}
-            self.append(file, data)
-        line = step.line | ({"frames": where} if where else {})
-        self.append(STEPS, checked_line(line))
+    def write(self, waiting: Waiting) -> None:
+        """One step: what was seen and believed, and then the message that says what belongs to it."""
+        step, images, taken = waiting.step, waiting.images or {}, waiting.line["taken"]
+        self.now = step.time
+        self.began = self.now if math.isnan(self.began) else self.began
+        for name, image in images.items():
+            frame, picture = f"camera_{name.split('/')[0]}", name.endswith("compressed")
+            message = ros.compressed_image(jpeg(image), "jpeg", frame, taken) if picture else None
+            self.add(image_topic(name), message or ros.image(image, frame, taken), step)
+        if waiting.believed is not None:
+            self.add_believed(waiting.believed, step)
+        self.add("/cmd_vel", ros.twist_stamped(step.sent, step.time), step)
+        standing, last = self.told
+        if step.standing != standing or not abs(step.time - last) < TOLD_EVERY:
+            self.told = step.standing, step.time
+            self.add("/diagnostics", ros.diagnostics(step.standing, step.telemetry, step.time), step)
+        names = [name for name in images if not name.endswith("compressed")]
+        line = json.dumps(waiting.line | {"images": names}, default=str)
+        self.add(STEP, ros.new("std_msgs/msg/String", line), step)
         self.steps += 1
-        self.without_frames += step.frames is None
-        if monotonic() - self.synced >= SYNC:
-            self.sync()
+        self.without_frames += waiting.images is None
 
-    def open(self, file: str) -> IO[bytes]:
-        """A file of the recording. Without a buffer: what is written survives the death of this process."""
-        if file not in self.files:
-            self.files[file] = (self.folder / file).open("xb", buffering=0)
-        return self.files[file]
+    def add_believed(self, believed: Believed, step: Step) -> None:
+        time, runner = step.time, self.runner
+        if runner is not None and not self.channels.get("/scan"):
+            for side, info in zip(("left", "right"), ros.camera_infos(runner.rig, time), strict=True):
+                self.add(f"/camera/{side}/camera_info", info, step)
+        self.add("/scan", ros.laser_scan(believed.ranges, time), step)
+        self.add("/odom", ros.odometry(believed.pose, step.driven, time), step)
+        self.add("/tf", ros.transforms(believed.pose, believed.place, time), step)
+        if believed.map is not None and runner is not None and runner.grid is not None:
+            cells = GridMap.normalise(runner.grid.inner(believed.map.cells))
+            self.add("/map", ros.occupancy_grid(cells, runner.grid, time), step)
 
-    def append(self, file: str, data: bytes) -> None:
-        out, rest = self.open(file), memoryview(data)
-        while rest:
-            written = out.write(rest)
-            rest = rest[written:]
-        self.ends[file] = self.ends.get(file, 0) + len(data)
+    def add(self, topic: str, message: Any, step: Step) -> None:
+        """A message of a step, the number of which is its sequence."""
+        if topic not in self.channels:
+            name = message.__msgtype__
+            schema = self.writer.register_schema(name, "ros2msg", ros.definition(name).encode())
+            self.channels[topic] = self.writer.register_channel(topic, "cdr", schema)
+        when = max(0, round(step.time * 1e9))
+        self.writer.add_message(self.channels[topic], when, ros.to_cdr(message), when, step.number)
 
-    def sync(self) -> None:
-        """Have everything forced onto the disk, and see whether there is room for more.
+    def flush(self) -> None:
+        """End the chunk, give it to the disk, and see whether there is room for more.
 
-        A slow disk takes seconds for that, in which the writing must go on, so it is done in a thread of its own.
+        A slow disk takes seconds for that, in which the writing must go on, so it is waited for in a thread.
         """
-        self.synced = monotonic()
+        self.flushed, self.began = monotonic(), self.now
         if self.disk_error is not None:
             raise self.disk_error
+        self.writer.flush()
+        self.kept = self.steps, self.without_frames
         if self.forcing is None or not self.forcing.is_alive():
-            files = list(self.files.values())
-            self.forcing = threading.Thread(target=self.force, args=(files,), name="recorder-sync", daemon=True)
+            self.forcing = threading.Thread(target=self.force, name="recorder-sync", daemon=True)
             self.forcing.start()
-        room = os.statvfs(self.folder)
+        room = os.statvfs(self.path.parent)
         if room.f_bavail * room.f_frsize < self.reserve:
             raise OSError(f"the disk is full: less than {self.reserve / 1e6:.0f} MB are left")
 
-    def force(self, files: list[IO[bytes]]) -> None:
-        """Wait until the disk has it all; what goes wrong ends the recording at the next step."""
+    def force(self) -> None:
+        """Wait until the disk has it all; what goes wrong ends the recording at the next chunk."""
         try:
-            for file in files:
-                os.fsync(file.fileno())
+            os.fsync(self.file.fileno())
         except (OSError, ValueError) as error:  # ValueError: closed by the end of the recording meanwhile
             self.disk_error = error
 
     def fail(self, error: Exception) -> None:
+        """End the recording with the last whole chunk."""
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         with self.changed:
-            self.failed = f"recording to {self.folder} has stopped after {self.steps} steps: {reason}"
-            self.dropped += len(self.waiting) + 1
+            self.dropped += self.taken - self.kept[0] + len(self.waiting)
+            self.steps, self.without_frames = self.kept
+            self.failed = f"recording to {self.path} has stopped after {self.steps} steps: {reason}"
             self.waiting.clear()
             self.changed.notify_all()
-        for file in self.files.values():
-            file.close()
+        with contextlib.suppress(OSError, ValueError):
+            self.file.close()
         if self.report is not None:
             self.report(self.failed)
 
     def close(self) -> None:
-        """Write what is left, and the last line that says that nothing is missing. Calling it again does nothing."""
+        """Write what is left, and the record that says that nothing is missing. Calling it again does nothing."""
         with self.changed:
             if self.closing:
                 return
@@ -262,48 +319,24 @@ class Recorder(Closing):
         if self.failed:
             return
         try:
-            last = {"end": True, "steps": self.steps, "without_frames": self.without_frames, "dropped": self.dropped}
-            self.append(STEPS, checked_line(last))
+            self.flush()
+            counts = {"given": self.number, "steps": self.steps, "without_frames": self.without_frames}
+            self.writer.add_metadata(END, {name: str(count) for name, count in counts.items()})
+            self.writer.finish()
+            self.file.flush()
             if self.forcing is not None:
                 self.forcing.join()
-            for file in self.files.values():
-                os.fsync(file.fileno())
-            for file in self.files.values():
-                file.close()
+            os.fsync(self.file.fileno())
+            self.file.close()
         except OSError as error:
             self.fail(error)
 
     def summary(self) -> dict[str, Any]:
-        sizes = sum(self.ends.values())
         return {
-            "folder": str(self.folder),
-            "frames": self.kind,
+            "file": str(self.path),
             "steps": self.steps,
             "without_frames": self.without_frames,
             "dropped": self.dropped,
-            "megabytes": round(sizes / 1e6, 3),
+            "megabytes": round(self.path.stat().st_size / 1e6, 3) if self.path.exists() else 0.0,
             "failed": self.failed,
         }
-
-
-class RecordSteps:
-    """An observer that records every step, those without good frames included.
-
-    Where the navigator began anew, after it was not asked or while the car stood, is noted, and replayed.
-    """
-
-    def __init__(self, recorder: Recorder) -> None:
-        self.recorder = recorder
-
-    def __call__(self, step: Step) -> None:
-        self.recorder.record_step(
-            step.frames,
-            step.driven,
-            step.wanted,
-            {**step.telemetry, "standing": step.standing},
-            sent=step.sent,
-            placed=step.placed,
-            restarted=step.restarted,
-            used=step.used,
-            time=step.time,
-        )

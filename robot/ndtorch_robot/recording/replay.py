@@ -10,13 +10,11 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.options import options_of
 from ndtorch_robot.car import Car
-from ndtorch_robot.config import DriveConfig, load_config
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Drive, DriveCommand, Observer, Placed, Report, SafeCommand, Step, StereoFrames, unseal
 from ndtorch_robot.recording.reading import Recording
 from ndtorch_robot.safety import SafeDrive
-from ndtorch_robot.sim.arenas import load_arena
 
 MAP_HALF = 10.0
 """Metres from the start to the sides of the map of a car that made none."""
@@ -29,24 +27,13 @@ def make_runner(configuration: dict[str, Any], mapping: bool = False) -> Navigat
         mapping: make a map as well, as large as the car's own, or `MAP_HALF` to all sides where it made none.
 
     Raises:
-        InputError: a configuration of a program that is not known, or with unusable values.
+        InputError: a configuration of something else than a navigator, or with unusable values.
     """
-    program = configuration.get("program")
     try:
-        if program == "navigator":
-            half = float(configuration.get("map_half_size_m", 0.0)) or MAP_HALF
-            options = options_of(configuration)
-            grid = Grid(-half, half, -half, half) if mapping else None
-        elif program == "drive":
-            config = load_config(None, {DriveConfig.renamed.get(k, k): v for k, v in configuration["drive"].items()})
-            options = config.options()
-            grid = load_arena(config.arena, config.seed).grid() if mapping else None
-        else:
-            raise InputError(
-                f"the recording was made by {program!r}, which cannot be replayed; known are navigator and drive"
-            )
-        rig = StereoRig(**configuration["rig"])
-        return NavigatorRunner(options, rig, float(configuration["rate_hz"]), grid)
+        options, rig = options_of(configuration), StereoRig(**configuration["rig"])
+        sides = configuration["map_m"] or (-MAP_HALF, MAP_HALF, -MAP_HALF, MAP_HALF)
+        grid = Grid(*map(float, sides)) if mapping else None
+        return NavigatorRunner(options, rig, float(configuration["rate_hz"]), grid, bool(configuration["near_check"]))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise

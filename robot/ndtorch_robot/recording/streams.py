@@ -1,9 +1,10 @@
-"""Frames as bytes: one file an image stream, each image written after the last."""
+"""What a recording is made of: its records and topics, and images and steps as messages and back."""
 
 from __future__ import annotations
 
 import json
-from typing import Any, Literal
+import math
+from typing import Any, cast
 from zlib import crc32
 
 import numpy as np
@@ -12,32 +13,28 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips
+from ndtorch_robot.ports import DriveCommand, Placed, Step
 
-Format = Literal["png", "jpeg", "raw"]
+VERSION = 3
 
-SUFFIXES: dict[str, str] = {"png": "pngs", "jpeg": "mjpeg", "raw": "rgb"}
-"""Suffix of a stream's file by format."""
+HEADER, END = "ndtorch", "ndtorch end"
+"""Names of the metadata records at both ends of a recording."""
 
-JPEG_QUALITY = 95
-
-
-def checked_line(line: dict[str, Any]) -> bytes:
-    """A line of JSON that ends in `"crc"`: the CRC-32 of what stands before it."""
-    text = json.dumps(line, separators=(",", ":")).encode()[:-1]
-    return text + f',"crc":{crc32(text)}}}\n'.encode()
+STEP = "/ndtorch/step"
+"""Topic of what replay needs beside the images."""
 
 
-def is_intact(line: bytes) -> bool:
-    text, mark, crc = line.rstrip(b"\n").rpartition(b',"crc":')
-    return bool(mark) and crc == f"{crc32(text)}}}".encode()
+def image_topic(name: str) -> str:
+    """Of an image such as `"left/field"`."""
+    return f"/camera/{name}"
 
 
-def crc_of(values: dict[str, Any]) -> int:
-    return crc32(json.dumps(values, sort_keys=True).encode())
+def crc_of(text: str) -> str:
+    return f"{crc32(text.encode()):08x}"
 
 
 def images_of(left: Tensor | Strips, right: Tensor | Strips) -> dict[str, Tensor]:
-    """The images of a step by the name of their stream: whole frames, or the strips of both eyes.
+    """The images of a step by name: whole frames, or the strips of both cameras.
 
     Raises:
         InputError: frames that are not one uint8 image each, grey or in color.
@@ -45,9 +42,9 @@ def images_of(left: Tensor | Strips, right: Tensor | Strips) -> dict[str, Tensor
     found: dict[str, Tensor] = {}
     for side, frame in (("left", left), ("right", right)):
         if isinstance(frame, Strips):
-            found |= {f"{side}-field": frame.field, f"{side}-row": frame.row}
+            found |= {f"{side}/field": frame.field, f"{side}/row": frame.row}
         else:
-            found[side] = frame
+            found[f"{side}/image"] = frame
     for name, image in found.items():
         if image.dtype != torch.uint8 or image.ndim != 4 or image.shape[:2] not in ((1, 1), (1, 3)):
             raise InputError(
@@ -58,42 +55,59 @@ def images_of(left: Tensor | Strips, right: Tensor | Strips) -> dict[str, Tensor
 
 
 def frames_of(found: dict[str, Tensor]) -> tuple[Tensor | Strips, Tensor | Strips]:
-    if "left" in found:
-        return found["left"], found["right"]
-    return tuple(Strips(found[f"{side}-field"], found[f"{side}-row"]) for side in ("left", "right"))  # type: ignore[return-value]
+    """The opposite of `images_of`; raises `KeyError` where one is missing."""
+    if "left/image" in found:
+        return found["left/image"], found["right/image"]
+    left, right = (Strips(found[f"{side}/field"], found[f"{side}/row"]) for side in ("left", "right"))
+    return left, right
 
 
-def encode(frame: Tensor, kind: Format, quality: int = JPEG_QUALITY) -> bytes:
-    """An image `[1, C, H, W]` as the bytes of a PNG or JPEG file, or as raw bytes row by row, red, green, blue."""
+def jpeg(image: Tensor) -> bytes:
+    """An image `[1, C, H, W]` as a small file to look at."""
     import cv2
 
-    image = np.ascontiguousarray(frame[0].permute(1, 2, 0).numpy())
-    if kind == "raw":
-        return image.tobytes()
-    if image.shape[2] == 3:
-        image = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    if kind == "png":
-        # Fast and a tenth larger: recording must keep up with two cameras.
-        done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    else:
-        done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    array = np.ascontiguousarray(image[0].permute(1, 2, 0).numpy())
+    array = cv2.cvtColor(array, cv2.COLOR_RGB2BGR) if array.shape[2] == 3 else array
+    done, data = cv2.imencode(".jpg", array, [cv2.IMWRITE_JPEG_QUALITY, 85])
     assert done
     return data.tobytes()
 
 
-def decode(data: bytes, shape: tuple[int, int, int], kind: Format) -> Tensor | None:
-    """The image `[1, C, H, W]` of `shape` (C, H, W) again; None where the bytes are none."""
-    import cv2
+def line_of(step: Step) -> dict[str, Any]:
+    """All of a step but images and state, for JSON, in which numbers come back to the bit."""
+    kept = step._asdict()
+    del kept["frames"], kept["state"]
+    taken = None if step.frames is None else step.frames.time
+    return kept | {"taken": taken, "telemetry": dict(step.telemetry)}
 
-    channels, height, width = shape
-    if kind == "raw":
-        if len(data) != channels * height * width:
-            return None
-        image: Any = np.frombuffer(data, np.uint8).reshape(height, width, channels).copy()
-    else:
-        flags = cv2.IMREAD_COLOR if channels == 3 else cv2.IMREAD_GRAYSCALE
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
-        if image is None or image.shape[:2] != (height, width):
-            return None
-        image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if channels == 3 else image[..., None]
-    return torch.from_numpy(image).permute(2, 0, 1)[None]
+
+def step_of(text: str) -> tuple[Step, float, list[str]]:
+    """A step without its frames, when these were taken, and the names of its images.
+
+    Raises:
+        ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError: it is none.
+    """
+    values = json.loads(text)
+    driven, wanted, sent = (DriveCommand(*numbers(values[key], 2)) for key in ("driven", "wanted", "sent"))
+    placed: Placed = None
+    if values["placed"] is not None:
+        placed = cast("Placed", tuple(numbers(values["placed"], 3)))
+    standing, telemetry = values["standing"], dict(values["telemetry"])
+    if not isinstance(standing, str | None):
+        raise TypeError("standing must be text")
+    time, taken = numbers([values["time"], values["time"] if values["taken"] is None else values["taken"]], 2)
+    number, used, restarted = int(values["number"]), bool(values["used"]), bool(values["restarted"])
+    step = Step(number, time, None, driven, wanted, sent, None, standing, used, restarted, placed, telemetry)
+    return step, taken, list(map(str, values["images"]))
+
+
+def numbers(values: Any, count: int) -> list[float]:
+    """So many finite numbers.
+
+    Raises:
+        ValueError: other ones, or other things.
+    """
+    found = [float(value) for value in values if isinstance(value, int | float)]
+    if len(found) != count or len(values) != count or not all(map(math.isfinite, found)):
+        raise ValueError(f"expected {count} numbers, got {values}")
+    return found

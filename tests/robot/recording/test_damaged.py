@@ -1,114 +1,130 @@
 """Recordings that were cut, damaged or changed: what is left is read, and nothing else is believed."""
 
-import json
-import os
 import random
 
+import numpy as np
 import pytest
-import torch
 
 from ndtorch.errors import InputError
+from ndtorch_robot import ros_messages as ros
 from ndtorch_robot.recording import open_recording
-from ndtorch_robot.recording.reading import Recording
-from ndtorch_robot.recording.streams import checked_line
-from tests.robot.support.recorded import same, write
+from ndtorch_robot.recording.streams import STEP
+from tests.robot.support.recorded import edited, rewrite, same, write
 
 
-@pytest.mark.parametrize("cut", [1, 20, 150, 300])
-def test_a_recording_cut_short(tmp_path, cut):
-    """Bytes are missing at the end of the lines, or of the frames: what is whole is read."""
-    write(tmp_path / "r")
-    lines = tmp_path / "r" / "steps.jsonl"
-    os.truncate(lines, lines.stat().st_size - cut)
-    recording = open_recording(tmp_path / "r")
-    found = list(recording.steps())
-    assert not recording.complete
-    assert 3 <= len(found) <= 5
-    assert recording.trouble == "the last line was not written to its end"
-    frames = tmp_path / "r" / "right.pngs"
-    os.truncate(frames, frames.stat().st_size // 2)
-    assert len(list(recording.steps())) == 2
-    assert recording.trouble == "the frames of step 2 are damaged, or not wholly there"
-    frames.unlink()
-    assert list(recording.steps()) == []
+def read(path):
+    recording = open_recording(path)
+    return recording, list(recording.steps())
 
 
-def test_a_damaged_line(tmp_path):
-    write(tmp_path / "r")
-    lines = tmp_path / "r" / "steps.jsonl"
-    text = lines.read_text().splitlines()
-    text[3] = text[3].replace('"n":3', '"n":')
-    lines.write_text("\n".join(text) + "\n")
-    recording = open_recording(tmp_path / "r")
-    assert [step.number for step in recording.steps()] == [0, 1, 2, 4]
-    assert (recording.trouble, recording.damaged, recording.missing) == ("a line is damaged", 1, 0)
+def test_a_recording_cut_anywhere_loses_less_than_a_second(tmp_path):
+    """Whatever was written a second before the cut is read; nothing is read that was not written, and it is said."""
+    path, cut = tmp_path / "r.mcap", tmp_path / "cut.mcap"
+    write(path, 45, strips=True, channels=1)
+    data, good = path.read_bytes(), {step.number: step for step in read(path)[1]}
+    ends, at = [], 0  # where the chunks of half a second end
+    assert len(good) == 45
+    places = sorted({*np.linspace(0, len(data) - 1, 1000).astype(int)})
+    last = -1.0
+    for at in places:
+        cut.write_bytes(data[:at])
+        try:
+            recording, found = read(cut)
+        except InputError:
+            assert at < 1500  # not even the beginning
+            continue
+        assert [step.number for step in found] == list(range(len(found)))
+        assert not recording.complete or at > len(data) - 20_000  # in what only finds messages faster
+        assert recording.complete or recording.trouble == "its end was not written"
+        time = found[-1].time if found else 0.0
+        assert time >= last  # what is longer holds more
+        last = time
+        ends += [len(found)] if not ends or ends[-1] != len(found) else []
+    # Every cut leaves whole chunks, and two of these are at most half a second and a step apart.
+    assert ends[-1] == 45
+    assert max(np.diff([0, *ends])) <= 16
 
 
-@pytest.mark.parametrize("kind", ["png", "raw"])
-def test_no_flipped_byte_is_believed(tmp_path, kind):
+def test_no_flipped_byte_is_believed(tmp_path):
     """Wherever a byte of a recording changes, the steps that are read are those that were written."""
-    write(tmp_path / "r", format=kind)
-    good = {step.number: step for step in open_recording(tmp_path / "r").steps()}
-    chance = random.Random(1)
-    for path in sorted((tmp_path / "r").iterdir()):
-        data = path.read_bytes()
-        for _ in range(60):
-            at = chance.randrange(len(data))
-            path.write_bytes(data[:at] + bytes([data[at] ^ 1 << chance.randrange(8)]) + data[at + 1 :])
-            try:
-                recording = open_recording(tmp_path / "r")
-                found = list(recording.steps())
-            except InputError:
-                continue
-            if path.name != "recording.json":
-                assert recording.damaged or not recording.complete
-            for step in found:
-                was = good[step.number]
-                assert step._replace(frames=None) == was._replace(frames=None)
-                assert same(step.frames.left, was.frames.left)
-                assert same(step.frames.right, was.frames.right)
-        path.write_bytes(data)
+    path = tmp_path / "r.mcap"
+    write(path, 40, strips=True)
+    good = {step.number: step for step in read(path)[1]}
+    data, chance = path.read_bytes(), random.Random(1)
+    for _ in range(200):
+        at = chance.randrange(len(data))
+        path.write_bytes(data[:at] + bytes([data[at] ^ 1 << chance.randrange(8)]) + data[at + 1 :])
+        try:
+            recording, found = read(path)
+        except InputError:
+            continue
+        assert len(found) == 40 or recording.missing or recording.damaged or not recording.complete
+        for step in found:
+            was = good[step.number]
+            assert step._replace(frames=None) == was._replace(frames=None)
+            assert same(step.frames.left, was.frames.left)
+            assert same(step.frames.right, was.frames.right)
 
 
-@pytest.mark.parametrize("shape", [[3, 0, 7], [3, 5, 0], [3, -5, -7]])
-def test_a_picture_without_pixels_is_damaged(tmp_path, shape):
-    """Every checksum fits: whoever writes such a line means it."""
-    write(tmp_path / "r", format="raw")
-    lines = tmp_path / "r" / "steps.jsonl"
-    first, *rest = lines.read_bytes().splitlines(keepends=True)
-    line = json.loads(first)
-    del line["crc"]
-    for place in line["frames"].values():
-        place |= {"shape": shape, "bytes": 0, "crc": 0}
-    lines.write_bytes(b"".join([checked_line(line), *rest]))
-    recording = open_recording(tmp_path / "r")
-    assert [step.number for step in recording.steps()] == list(range(1, len(rest)))
-    assert "the frames of step 0 are damaged" in recording.trouble
+def image(message, **changed):
+    """The same image with other fields."""
+    for name, value in changed.items():
+        setattr(message, name, value)
+    return ros.to_cdr(message)
 
 
-@pytest.mark.parametrize(("largest", "read"), [(1000, True), (999, False)])
-def test_a_picture_of_more_pixels_than_any_camera_has_is_damaged(tmp_path, monkeypatch, largest, read):
-    """It is refused before anything is made for it."""
-    monkeypatch.setattr("ndtorch_robot.recording.reading.LARGEST", largest)
-    monkeypatch.setattr(Recording, "bytes_of", lambda self, *where: b"")
-    made = []
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"height": 0},
+        {"width": 0, "step": 0},
+        {"width": 2**31},
+        {"height": 2**31},
+        {"encoding": "bayer_rggb8"},
+        {"data": np.zeros(0, np.uint8)},
+    ],
+)
+def test_an_image_that_cannot_be_is_damaged(tmp_path, changed):
+    """Every checksum fits: whoever writes such an image means it."""
+    path = tmp_path / "r.mcap"
+    write(path)
 
-    def decode(data, shape, kind):
-        made.append(shape)
-        return torch.zeros(shape)
+    def change(topic, number, data):
+        if topic == "/camera/left/image" and number == 0:
+            return image(ros.from_cdr(data, "sensor_msgs/msg/Image"), **changed)
+        return data
 
-    monkeypatch.setattr("ndtorch_robot.recording.reading.decode", decode)
-    write(tmp_path / "r", format="raw")
-    where = {name: {"shape": [1, 25, 40], "at": 0, "bytes": 0, "crc": 0} for name in ("left", "right")}
-    assert (open_recording(tmp_path / "r").frames(where, 0.0) is not None) == read
-    assert made == ([(1, 25, 40)] * 2 if read else [])
+    rewrite(path, change)
+    recording, found = read(path)
+    assert [step.number for step in found] == [1, 2, 3, 4]
+    assert (recording.damaged, recording.complete) == (1, True)
+    assert recording.trouble == "a step is damaged, or its frames are not there"
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"time": "now"},
+        {"driven": [0.0]},
+        {"standing": 3},
+        {"placed": [1, 2]},
+        {"images": ["left/image"]},
+        {"number": {}},
+    ],
+)
+def test_a_step_that_cannot_be_is_damaged(tmp_path, changed):
+    path = tmp_path / "r.mcap"
+    write(path)
+    rewrite(path, lambda topic, n, data: edited(data, lambda v: v | changed) if (topic, n) == (STEP, 3) else data)
+    recording, found = read(path)
+    assert [step.number for step in found] == [0, 1, 2, 4]
+    assert recording.damaged == 1
 
 
 def test_steps_that_are_missing_are_counted(tmp_path):
-    write(tmp_path / "r")
-    lines = tmp_path / "r" / "steps.jsonl"
-    text = lines.read_text().splitlines()
-    lines.write_text("\n".join(text[:1] + text[3:]) + "\n")
-    recording = open_recording(tmp_path / "r")
-    assert [s.number for s in recording.steps()] == [0, 3, 4]
-    assert recording.missing == 2
+    path = tmp_path / "r.mcap"
+    write(path)
+    rewrite(path, lambda topic, n, data: None if n in (1, 2, 4) else data)
+    recording, found = read(path)
+    assert [step.number for step in found] == [0, 3]
+    assert (recording.missing, recording.complete) == (3, True)

@@ -12,7 +12,7 @@ import ndtorch_robot.view.car_view
 import ndtorch_robot.view.stream
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
-from ndtorch_robot.recording import Recorder, RecordSteps
+from ndtorch_robot.recording import Recorder
 from ndtorch_robot.view import Background, CarView, Where, layout, open_stream, start_view
 from ndtorch_robot.view.observer import ViewSteps
 from ndtorch_robot.view.stream import open_server
@@ -79,15 +79,15 @@ def test_a_run_and_its_replay(tmp_path, capsys):
     loop = bare_loop(FilmCar(moving_world(90, RIG)), RIG, controller="published", map_half_size_m=5.0)
     view, observer = start(loop, open_stream("run", Where(path), layout()), wait=True)
     loop.safe.report = observer.report
-    with Recorder(tmp_path / "r", loop.runner.configuration(), when_full="wait") as recorder:
-        loop.observers.append(RecordSteps(recorder))
+    with Recorder(tmp_path / "r.mcap", loop.runner, when_full="wait") as recorder:
+        loop.observers.append(recorder)
         stops_for_a_while(loop)
         loop.run(88.5 / 30)
     view.close()
     assert (view.shown, view.dropped, view.failed) == (90, 0, "")
     check_contents(path, 90)
     assert not {c.entity_path for c in RrdReader(path).stream().to_chunks()} & {"/floor/walls", "/floor/believed/0"}
-    assert main(["replay", str(tmp_path / "r"), "--rrd", str(again), "--json"]) == 0
+    assert main(["replay", str(tmp_path / "r.mcap"), "--rrd", str(again), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["same"] == 90
     check_contents(again, 90)
     for file in (path, again):
@@ -196,10 +196,10 @@ def test_replay_that_is_served(tmp_path, capsys, monkeypatch):
     sinks = []
     monkeypatch.setattr(rerun, "GrpcSink", lambda address: (sinks.append(address), rerun.FileSink(tmp_path / "s"))[1])
     loop = bare_loop(FilmCar(moving_world(20, RIG)), RIG, controller="published")
-    with Recorder(tmp_path / "r", loop.runner.configuration(), when_full="wait") as recorder:
-        loop.observers.append(RecordSteps(recorder))
+    with Recorder(tmp_path / "r.mcap", loop.runner, when_full="wait") as recorder:
+        loop.observers.append(recorder)
         loop.run(18.5 / 30)
-    assert main(["replay", str(tmp_path / "r"), "--view-at", "0.0.0.0:9555"]) == 0
+    assert main(["replay", str(tmp_path / "r.mcap"), "--view-at", "0.0.0.0:9555"]) == 0
     assert "served at 0.0.0.0:9555 until Ctrl-C" in capsys.readouterr().err
     assert sinks == ["rerun+http://127.0.0.1:9555/proxy"]
     assert asked[0][0] == "0.0.0.0"

@@ -1,0 +1,158 @@
+"""Bags of others, written by `rosbags`: the navigator sees what the bag shows, and drives as it would without it."""
+
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from ndtorch.cli.commands import main
+from ndtorch.errors import InputError
+from ndtorch.navigation import StereoRig, cut_strips
+from ndtorch_robot import ros_messages as ros
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.recording import open_recording
+from ndtorch_robot.recording.bags import Motion, StereoBag, find_topics
+from tests.robot.support.moving_world import moving_world
+
+RIG = StereoRig(width=160, height=120, focal=107.0, baseline=0.12)
+DRIVEN, RATE, START = DriveCommand(0.4, 0.5), 20.0, 1.7e9
+
+
+def place(n):
+    """Where a robot is that drives a circle."""
+    k, s = DRIVEN.curvature, DRIVEN.speed * n / RATE
+    return ros.Pose(math.sin(k * s) / k, (1 - math.cos(k * s)) / k, k * s)
+
+
+def images(frames, n, kind):
+    for side, eye in zip(("left", "right"), frames[:2], strict=True):
+        time, frame = START + n / RATE + (0.002 if side == "right" else 0.0), f"{side}_optical"
+        if kind == "raw":
+            message = ros.image(eye, frame, time)
+            message.encoding, message.data = "bgr8", message.data.reshape(-1, 3)[:, ::-1].reshape(-1)
+            yield f"/stereo/{side}/image_rect_color", message
+        else:
+            array = cv2.cvtColor(eye[0].permute(1, 2, 0).numpy(), cv2.COLOR_RGB2BGR)
+            data = cv2.imencode(".png", array)[1].tobytes()
+            yield f"/stereo/{side}/image_rect_color/compressed", ros.compressed_image(data, "bgr8; png", frame, time)
+
+
+def write_bag(folder, plugin, kind, count=30, odometry=True, skip=()):
+    with Writer(folder, version=9, storage_plugin=plugin) as bag:
+        made = {}
+
+        def add(topic, message, n):
+            if topic not in made:
+                made[topic] = bag.add_connection(topic, message.__msgtype__, typestore=ros.typestore())
+            bag.write(made[topic], round((START + n / RATE) * 1e9), ros.to_cdr(message))
+
+        for n, frames in enumerate(moving_world(count, RIG)):
+            if odometry:
+                add("/odom", ros.odometry(place(n), DRIVEN, START + n / RATE - 0.001), n)
+            for topic, message in images(frames, n, kind):
+                if (n, "left" in topic) not in skip:
+                    add(topic, message, n)
+            if n == 0:
+                for side, info in zip(("left", "right"), ros.camera_infos(RIG), strict=True):
+                    add(f"/stereo/{side}/camera_info", info, n)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("plugin", "kind", "single"),
+    [
+        (StoragePlugin.SQLITE3, "raw", False),
+        (StoragePlugin.MCAP, "compressed", False),
+        (StoragePlugin.MCAP, "raw", True),
+    ],
+)
+def test_a_bag_becomes_a_recording_that_replays(tmp_path, capsys, plugin, kind, single):
+    bag = write_bag(tmp_path / "bag", plugin, kind, skip={(4, True), (9, False)})
+    path = next(bag.glob("*.mcap")) if single else bag
+    out = tmp_path / "out.mcap"
+    assert main(["import", str(path), "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["steps"], told["odometry"], told["rate_hz"]) == (28, "/odom", pytest.approx(RATE, rel=1e-3))
+    assert told["ranges"] > 50
+    recording = open_recording(out)
+    steps, world = list(recording.steps()), list(moving_world(30, RIG))
+    seen = [n for n in range(30) if n not in (4, 9)]
+    assert [round((step.time - START) * RATE) for step in steps] == seen
+    fields = StereoBag(path).rig.subfields()
+    for step, n in list(zip(steps, seen, strict=True))[::9]:
+        assert torch.equal(step.frames.left.field, cut_strips(world[n].left, fields[0], RIG).field)
+    assert [step.driven.speed for step in steps[1:]] == pytest.approx([0.4] * 27, rel=1e-3)
+    assert [step.driven.curvature for step in steps[1:]] == pytest.approx([0.5] * 27, rel=1e-3)
+    assert main(["replay", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["same"] == 28
+
+
+def test_raw_images_are_rectified(tmp_path, monkeypatch):
+    """A lens that bends: points of the rectified image are where the calibration has them."""
+    infos = ros.camera_infos(RIG)
+    for info in infos:
+        info.d = np.array([-0.2, 0.05, 0.0, 0.0, 0.0])
+    monkeypatch.setattr(ros, "camera_infos", lambda rig: infos)
+    bag = StereoBag(write_bag(tmp_path / "bag", StoragePlugin.SQLITE3, "raw", 2))
+    bag.is_rectified = False  # what the names of these topics say is wrong
+    raw = np.zeros((120, 160, 3), np.uint8)
+    ray = np.array([[0.5, 0.3, 1.0]])
+    k = infos[0].k.reshape(3, 3)
+    bent = cv2.projectPoints(ray, np.zeros(3), np.zeros(3), k, infos[0].d)[0].reshape(2)
+    straight = cv2.projectPoints(ray, np.zeros(3), np.zeros(3), k, np.zeros(5))[0].reshape(2)
+    assert np.hypot(*(bent - straight)) > 3
+    cv2.circle(raw, tuple(int(v) for v in bent.round()), 2, (255, 255, 255), -1)
+    message = ros.image(torch.from_numpy(raw).permute(2, 0, 1)[None], "left", 0.0)
+    row, column = np.argwhere(bag.frames(message, message, 0.0).left[0, 0].numpy() > 100).mean(0)
+    assert np.hypot(column - straight[0], row - straight[1]) < 1.0
+
+
+def test_a_bag_without_odometry_says_so(tmp_path, capsys):
+    bag = write_bag(tmp_path / "bag", StoragePlugin.SQLITE3, "raw", 3, odometry=False)
+    assert main(["import", str(bag), "--out", str(tmp_path / "o.mcap")]) == 0
+    assert "no odometry" in "".join(capsys.readouterr())
+
+
+KINDS = {
+    "/a/left/image_raw": "sensor_msgs/msg/Image",
+    "/a/right/image_raw": "sensor_msgs/msg/Image",
+    "/b/left/image_raw": "sensor_msgs/msg/Image",
+    "/b/right/image_raw": "sensor_msgs/msg/Image",
+    "/o": "nav_msgs/msg/Odometry",
+}
+
+
+def test_topics_by_name():
+    with pytest.raises(InputError, match="name the left and the right topic"):
+        find_topics(KINDS, None, None, None)
+    with pytest.raises(InputError, match="no topic /o of this kind"):
+        find_topics(KINDS, "/o", None, None)
+    assert find_topics(KINDS, "/a/left/image_raw", None, None)[:2] == ("/a/left/image_raw", "/a/right/image_raw")
+    rectified = KINDS | {f"/b/{side}/image_rect": "sensor_msgs/msg/Image" for side in ("left", "right")}
+    assert find_topics(rectified, None, None, None) == ("/b/left/image_rect", "/b/right/image_rect", "/o")
+
+
+def test_a_turn_on_the_spot_turns():
+    """Its command has a curvature that is finite; the heading is that of odometry."""
+    motion = Motion()
+    for n in range(2):
+        motion.add(ros.odometry(ros.Pose(0.0, 0.0, 0.1 * n), DriveCommand(0.0, 0.0), n / RATE))
+    speed, curvature = motion.take()
+    assert speed * curvature / RATE == pytest.approx(0.1)
+    assert abs(speed) < 0.01
+
+
+@pytest.mark.parametrize("content", [b"", b"SQLite format 3\0", b"\x89MCAP0\r\n" + bytes(40)])
+@pytest.mark.parametrize("suffix", [".mcap", ".bag", ".db3"])
+def test_what_is_no_bag_is_one_line(tmp_path, capsys, content, suffix):
+    path = tmp_path / f"bag{suffix}"
+    path.write_bytes(content)
+    assert main(["import", str(path), "--out", str(tmp_path / "o.mcap")]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error:")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "o.mcap").exists()
