@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from ndtorch.navigation import StereoRig
 from ndtorch.utils.toml import Strict
+from ndtorch_robot.bridges.registry import BRIDGES
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.link.registry import HOSTED_BOARD, SERIAL, check_link
 from ndtorch_robot.navigator_table import NavigatorTable
@@ -142,6 +143,9 @@ class RunConfig(Strict):
         description="The drive link is of this `kind` (serial by default, hosted-board in a simulated world), with the "
         "keys of its kind; see `ndtorch_robot/link/`.",
     )
+    bridges: Mapping[str, Mapping[str, str | int | float | bool]] = Field(
+        default_factory=dict, description="Bridges of these kinds run beside the loop, each with the keys of its kind."
+    )
     rig: RigTable = RigTable()
     limits: LimitsTable = LimitsTable()
     camera_monitor: CameraMonitorTable = CameraMonitorTable()
@@ -157,6 +161,8 @@ class RunConfig(Strict):
         if self.simulation is None and "kind" not in self.link and "device" not in self.link:
             raise ValueError("real cameras need a real board: give link.device")
         check_link(self.link_table())
+        for name, values in self.bridges.items():
+            BRIDGES.checked(name, values, f"bridges.{name}")
         return self
 
     def link_table(self) -> dict[str, Any]:

@@ -57,6 +57,7 @@ class Run:
         import torch
 
         from ndtorch.utils.toml import read_toml
+        from ndtorch_robot.bridges import Opening, open_bridges
         from ndtorch_robot.emergency import HELP, emergency_stops
         from ndtorch_robot.map_saving import WalkedPath, save_runner_map
         from ndtorch_robot.recording import Recorder
@@ -99,6 +100,8 @@ class Run:
                 told.append(observer.report)
             if folder is not None:
                 car.observers.append(path)
+            opening = Opening(config.robot, report, car.runner, config.link)
+            car.observers += stack.enter_context(open_bridges(config.bridges, opening))
             report(f"ready; {HELP}" if sys.stdin.isatty() else "ready; SIGUSR1: go, SIGTERM: stop and end")
             car.run(self.seconds)
             summary = car.summary() | world(car)
