@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ndtorch.binding.hub import download_model, is_hub_address
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.binding.models.registry import REMOVED, kind_of, load_folder, removed
 from ndtorch.binding.models.registry import RENAMED as RENAMED_KINDS
@@ -48,7 +49,8 @@ def load(
     """A model that comes with the package, or one of your own: `load("published", fps=30, border="reflect")`.
 
     Args:
-        model: one of `model_names()`, or the path of a folder (see `BindingModel.save`).
+        model: one of `model_names()`, the path of a folder (see `BindingModel.save`), or `"hf://user/repo"`, a folder
+            on the Hugging Face Hub.
         size: height and width of the frames, pixels; a single number means a square.
         fps: frames a second.
         border: "wrap" where the scene is a torus, "reflect" for video.
@@ -89,6 +91,8 @@ def model_folder(model: str | Path) -> Path:
     model = RENAMED_KINDS.get(str(model), model)
     if str(model) in folders:
         return folders[str(model)]
+    if is_hub_address(model):
+        return download_model(str(model))
     if Path(model).is_dir():
         return Path(model)
     if str(model) in RENAMED:

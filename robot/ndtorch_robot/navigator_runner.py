@@ -53,12 +53,17 @@ class NavigatorRunner:
         self.state: NavigatorState | None = None
         self.time = -math.inf
         self.options, self.grid, self.near_check = options, grid, near_check
+        self.new_goal: tuple[float, float] | None = None
 
     def configuration(self) -> dict[str, Any]:
         """For a recording: everything from which the same runner can be made again."""
         grid = self.grid
         sides = None if grid is None else (grid.left, grid.right, grid.bottom, grid.top, grid.cell)
         return configuration(self.options, self.rig, self.rate) | {"map_m": sides, "near_check": self.near_check}
+
+    def drive_to(self, x: float, y: float) -> None:
+        """Send the car to a place, m, from the next step on; from any thread."""
+        self.new_goal = (x, y)
 
     def warm_up(self) -> None:
         self.navigator.warm_up()
@@ -74,6 +79,9 @@ class NavigatorRunner:
             placed: the place to which a person has moved the car since then.
             anew: the car was stopped, or saw nothing, since then.
         """
+        if self.new_goal is not None and self.state is not None:
+            goal, self.new_goal = self.new_goal, None
+            self.state = self.state._replace(control=self.navigator.controller.on_goal(self.state.control, goal))
         before, since = self.state, frames.time - self.time
         self.time = frames.time
         lost = anew and before is not None and not self.navigator.controller.can_resume(before.control)

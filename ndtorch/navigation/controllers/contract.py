@@ -241,6 +241,10 @@ class Controller(nn.Module, ABC):
         """
         return state
 
+    def on_goal(self, state: Any, goal: tuple[float, float]) -> Any:
+        """The state of one car that is sent to another place, x and y in m, in place of all that it was asked to do."""
+        return state
+
     def can_resume(self, state: Any) -> bool:
         """Whether one car goes on from this state after it stood; else it begins anew, where it believes to be."""
         return False

@@ -124,6 +124,10 @@ class ScaledController(Controller):
         place = None if place is None else self.in_units(place)
         return self.inner.on_pose(state, self.in_units(pose), place)
 
+    def on_goal(self, state: Any, goal: tuple[float, float]) -> Any:
+        """As `Controller.on_goal`."""
+        return self.inner.on_goal(state, (goal[0] / self.unit, goal[1] / self.unit))
+
     def can_resume(self, state: Any) -> bool:
         """As `Controller.can_resume`."""
         return self.inner.can_resume(state)

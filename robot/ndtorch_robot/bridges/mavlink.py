@@ -9,7 +9,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from ndtorch_robot.bridges.obstacles import nearest_by_sector, seen_obstacles
-from ndtorch_robot.bridges.registry import Bridge, Opening, bridge
+from ndtorch_robot.bridges.registry import Bridge, Opening, bridge, command_of
 from ndtorch_robot.link.mavlink_connection import COMPONENT, MavlinkConnection, MavlinkSettings, shared_settings
 from ndtorch_robot.ports import DriveCommand, Step
 
@@ -21,9 +21,6 @@ LIMITS_CM = (5, 700)
 
 UNKNOWN = 65535
 """Distance of a sector of which nothing is known."""
-
-SLOWEST = 0.05
-"""m/s: below it a turn on the spot is asked for, which has no curvature."""
 
 
 class MavlinkBridgeSettings(MavlinkSettings):
@@ -66,15 +63,14 @@ class MavlinkBridge(Bridge):
 
     def handle(self, message: Any) -> None:
         """What the reading thread of the connection has heard."""
-        if getattr(message, "target_component", COMPONENT) != COMPONENT:
+        kind, most, wish = message.get_type(), self.settings, self.opening.wish
+        if wish is None or getattr(message, "target_component", COMPONENT) != COMPONENT:
             return
-        kind, most = message.get_type(), self.settings
         if kind == "MANUAL_CONTROL":
             speed, turn = most.max_speed_m_per_s * message.x / 1000, -message.r / 1000
-            self.opening.wish.put(DriveCommand(speed, most.max_curvature_per_m * turn))
+            wish.put(DriveCommand(speed, most.max_curvature_per_m * turn))
         elif kind == "SET_POSITION_TARGET_LOCAL_NED" and message.coordinate_frame == 8:
-            turn = -message.yaw_rate / message.vx if abs(message.vx) >= SLOWEST else 0.0
-            self.opening.wish.put(DriveCommand(message.vx if abs(message.vx) >= SLOWEST else 0.0, turn))
+            wish.put(command_of(message.vx, -message.yaw_rate))
 
     def close(self) -> None:
         self.connection.listeners.remove(self.handle)

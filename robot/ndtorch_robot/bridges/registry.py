@@ -25,6 +25,15 @@ CLOSE_TIMEOUT = 1.0
 """Seconds to wait for a bridge at the end: one that hangs is left behind."""
 
 
+SLOWEST = 0.05
+"""m/s: a slower command that turns would turn on the spot, which has no curvature: it is a stand."""
+
+
+def command_of(speed: float, turn_rate: float) -> DriveCommand:
+    """A command of m/s and rad/s, positive to the left, as speed and curvature."""
+    return DriveCommand(speed, turn_rate / speed) if abs(speed) >= SLOWEST else STAND
+
+
 class Wish:
     """The newest command from outside; any thread may give one.
 
@@ -56,16 +65,14 @@ class Opening:
         report: called for every event.
         runner: of the car, whose rig, map and controller do not change.
         link: the `[link]` table of the car: a bridge to the same device shares its connection.
-        wish: where commands from outside go.
-        goal: called with a place, x and y in m, to which the car shall drive.
+        wish: where commands from outside go; None where nobody listens to them.
     """
 
     robot: str
     report: Report
     runner: NavigatorRunner
     link: Mapping[str, Any] = field(default_factory=dict)
-    wish: Wish = field(default_factory=Wish)
-    goal: Callable[[float, float], None] = lambda x, y: None
+    wish: Wish | None = None
 
 
 class Bridge(ABC):

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("pymavlink")
 
-from ndtorch_robot.bridges import Opening, open_bridges
+from ndtorch_robot.bridges import Opening, Wish, open_bridges
 from ndtorch_robot.bridges.mavlink import sector_distances
 from ndtorch_robot.bridges.obstacles import nearest_by_sector, seen_obstacles
 from ndtorch_robot.link.mavlink_connection import MavlinkConnection
@@ -54,7 +54,7 @@ def test_a_controller_without_a_grid_has_ranges_alone():
 def bridged():
     port, (step, runner) = free_port(), known_step()
     autopilot, lines = Autopilot(port), []
-    opening = Opening("x", lines.append, runner, {"kind": "mavlink", "device": f"udpin:127.0.0.1:{port}"})
+    opening = Opening("x", lines.append, runner, {"kind": "mavlink", "device": f"udpin:127.0.0.1:{port}"}, Wish())
     with open_bridges({"mavlink": {}}, opening) as (thread,):
         connection = thread.bridge.connection
         assert wait_for(connection.heard.is_set)

@@ -43,6 +43,7 @@ class Rig:
 
     def silence(self):
         """The autopilot falls silent, and what it sent before has arrived."""
+        assert wait_for(lambda: len(self.drive.round_trips()) > 0)  # that of the start
         self.autopilot.beats, trips = False, len(self.drive.round_trips())
         self.drive.timed = -math.inf
         assert wait_for(lambda: len(self.drive.round_trips()) > trips)

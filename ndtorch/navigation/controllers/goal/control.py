@@ -170,6 +170,12 @@ class GoalControl(Controller):
         """As `Controller.on_pose`: goals are where the car is told that it is, not where dead reckoning has them."""
         return with_pose(state, pose, place)
 
+    def on_goal(self, state: GoalState, goal: tuple[float, float]) -> GoalState:
+        """As `Controller.on_goal`."""
+        self.params = replace(self.params, goal=goal, explore=False, return_home=False)
+        self.tasks = requested_tasks(self.params)
+        return state._replace(task=self.tasks[0], points=0, due=0, cost=0.0, fruitless_s=0.0, vetoed=0, mode=CRUISE)
+
     def can_resume(self, state: GoalState) -> bool:
         """As `RangingControl.can_resume`."""
         return self.reactive.can_resume(state.reactive)

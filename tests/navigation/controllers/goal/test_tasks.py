@@ -86,3 +86,13 @@ def blind(state):
     grid = state.reactive.grid
     reactive = state.reactive._replace(grid=grid._replace(evidence=np.zeros_like(grid.evidence)))
     return state._replace(reactive=reactive)
+
+
+def test_another_goal_takes_the_place_of_all_tasks():
+    """Also of those that are done, and in the frame of the localiser."""
+    control = GoalControl(RIG, DT, GoalParams(goal=(0.2, 0.0), return_home=True, reactive=SMALL))
+    state = control.start(floor(), place(*HERE))._replace(task=DONE, mode=ARRIVED, frame=(1.0, 0.0, math.pi / 2))
+    state = control.on_goal(state, (3.0, -1.5))
+    assert (state.task, control.tasks, state.mode == ARRIVED) == (GOAL, [GOAL, DONE], False)
+    assert task_goal(state, control.params) == pytest.approx((1.0 + 1.5, 3.0))
+    assert next_task(state, HERE, control.tasks, control.params).task == GOAL

@@ -1,0 +1,215 @@
+"""A process that sees a car as ROS 2 does, over DDS, with message types written down here: it prints what it got.
+
+    python ros2_peer.py DOMAIN [SECONDS]
+
+It sends a command and a goal, and ends when it has one message of every topic. With SECONDS it counts for that time
+instead, and prints rates and the ages of /odom.
+"""
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import array, byte, float32, float64, int8, int32, sequence, uint32
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+
+@dataclass
+class Time_(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
+    sec: int32
+    nanosec: uint32
+
+
+@dataclass
+class Header_(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
+    stamp: Time_
+    frame_id: str
+
+
+@dataclass
+class Vector3_(IdlStruct, typename="geometry_msgs.msg.dds_.Vector3_"):
+    x: float64
+    y: float64
+    z: float64
+
+
+@dataclass
+class Point_(IdlStruct, typename="geometry_msgs.msg.dds_.Point_"):
+    x: float64
+    y: float64
+    z: float64
+
+
+@dataclass
+class Quaternion_(IdlStruct, typename="geometry_msgs.msg.dds_.Quaternion_"):
+    x: float64
+    y: float64
+    z: float64
+    w: float64
+
+
+@dataclass
+class Pose_(IdlStruct, typename="geometry_msgs.msg.dds_.Pose_"):
+    position: Point_
+    orientation: Quaternion_
+
+
+@dataclass
+class PoseStamped_(IdlStruct, typename="geometry_msgs.msg.dds_.PoseStamped_"):
+    header: Header_
+    pose: Pose_
+
+
+@dataclass
+class Twist_(IdlStruct, typename="geometry_msgs.msg.dds_.Twist_"):
+    linear: Vector3_
+    angular: Vector3_
+
+
+@dataclass
+class PoseWithCovariance_(IdlStruct, typename="geometry_msgs.msg.dds_.PoseWithCovariance_"):
+    pose: Pose_
+    covariance: array[float64, 36]
+
+
+@dataclass
+class TwistWithCovariance_(IdlStruct, typename="geometry_msgs.msg.dds_.TwistWithCovariance_"):
+    twist: Twist_
+    covariance: array[float64, 36]
+
+
+@dataclass
+class Odometry_(IdlStruct, typename="nav_msgs.msg.dds_.Odometry_"):
+    header: Header_
+    child_frame_id: str
+    pose: PoseWithCovariance_
+    twist: TwistWithCovariance_
+
+
+@dataclass
+class LaserScan_(IdlStruct, typename="sensor_msgs.msg.dds_.LaserScan_"):
+    header: Header_
+    angle_min: float32
+    angle_max: float32
+    angle_increment: float32
+    time_increment: float32
+    scan_time: float32
+    range_min: float32
+    range_max: float32
+    ranges: sequence[float32]
+    intensities: sequence[float32]
+
+
+@dataclass
+class MapMetaData_(IdlStruct, typename="nav_msgs.msg.dds_.MapMetaData_"):
+    map_load_time: Time_
+    resolution: float32
+    width: uint32
+    height: uint32
+    origin: Pose_
+
+
+@dataclass
+class OccupancyGrid_(IdlStruct, typename="nav_msgs.msg.dds_.OccupancyGrid_"):
+    header: Header_
+    info: MapMetaData_
+    data: sequence[int8]
+
+
+@dataclass
+class KeyValue_(IdlStruct, typename="diagnostic_msgs.msg.dds_.KeyValue_"):
+    key: str
+    value: str
+
+
+@dataclass
+class DiagnosticStatus_(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticStatus_"):
+    level: byte
+    name: str
+    message: str
+    hardware_id: str
+    values: sequence[KeyValue_]
+
+
+@dataclass
+class DiagnosticArray_(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticArray_"):
+    header: Header_
+    status: sequence[DiagnosticStatus_]
+
+
+TOPICS = {
+    "scan": LaserScan_,
+    "odom": Odometry_,
+    "map": OccupancyGrid_,
+    "cmd_vel": Twist_,
+    "diagnostics": DiagnosticArray_,
+}
+
+LO = """<CycloneDDS><Domain Id="any">
+<General><Interfaces><NetworkInterface name="lo"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+</Domain></CycloneDDS>"""
+
+
+def fields(message):
+    """A message as JSON."""
+    if hasattr(message, "__dict__"):
+        return {name: fields(value) for name, value in vars(message).items()}
+    if isinstance(message, list | tuple | bytes):
+        return [fields(part) for part in message]
+    return message if message == message else None
+
+
+def rates(readers, seconds):
+    """Messages a second of each topic, and the median and the 99th percentile of the age of /odom, ms."""
+    counts, ages, end = dict.fromkeys(readers, 0), [], None
+    while end is None or time.time() < end:
+        for name, reader in readers.items():
+            for message in reader.take(50):
+                end = end or time.time() + seconds
+                counts[name] += 1
+                if name == "odom":
+                    stamp = message.header.stamp
+                    ages.append(1e3 * (time.time() - stamp.sec - stamp.nanosec * 1e-9))
+        time.sleep(0.001)
+    ages.sort()
+    figures = {f"{name}_hz": round(count / seconds, 1) for name, count in counts.items()}
+    return figures | {"p50_ms": round(ages[len(ages) // 2], 2), "p99_ms": round(ages[len(ages) * 99 // 100], 2)}
+
+
+def main(domain, seconds=None):
+    kept, participant = Domain(domain, LO), DomainParticipant(domain)
+    # As the defaults of ROS 2: reliable publishers, and subscribers that get on with them.
+    qos = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(10))
+    readers = {
+        name: DataReader(participant, Topic(participant, f"rt/{name}", kind), qos=qos) for name, kind in TOPICS.items()
+    }
+    if seconds is not None:
+        # A map takes this decoder longer than all that is measured.
+        del readers["map"]
+        print(json.dumps(rates(readers, seconds)), flush=True)
+        return
+    command = DataWriter(participant, Topic(participant, "rt/cmd_vel_smoothed", Twist_), qos=qos)
+    goal = DataWriter(participant, Topic(participant, "rt/goal_pose", PoseStamped_), qos=qos)
+    got, end = {}, time.time() + 60
+    while len(got) < len(TOPICS) and time.time() < end:
+        command.write(Twist_(Vector3_(0.3, 0.0, 0.0), Vector3_(0.0, 0.0, -0.6)))
+        pose = Pose_(Point_(3.0, -1.5, 0.0), Quaternion_(0.0, 0.0, 0.0, 1.0))
+        goal.write(PoseStamped_(Header_(Time_(0, 0), "map"), pose))
+        for name, reader in readers.items():
+            for message in reader.take(1):
+                got[name] = fields(message)
+        time.sleep(0.01)
+    print(json.dumps(got), flush=True)
+    del kept
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else None)
