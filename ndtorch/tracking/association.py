@@ -11,7 +11,6 @@ import numpy as np
 from ndtorch.foreground.arrays import Floats, Numbers
 from ndtorch.tracking._kernels_blobs import overlaps
 from ndtorch.tracking.blobs import Blobs
-from ndtorch.tracking.confirmation import PARENT_VELOCITY_TOLERANCE
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import has_contrast
 from ndtorch.tracking.track import PIXELS, Track
@@ -138,9 +137,8 @@ class Sharing(NamedTuple):
 def share_blob(tracks: list[Track], area: float, p: TrackingParams) -> Sharing:
     """Which of the tracks that met one blob of an area (squared heights) are visible in it.
 
-    A track that runs into an object soon after it began was a part of it, and of such only the oldest stays. Objects
-    that are together much smaller than their blob were parts of one, and so was a small one that moves as the largest
-    does. Of the others, the oldest are visible as long as there is room; the rest is hidden.
+    A track that runs into an object soon after it began was a part of it, and of such only the oldest stays. Of the
+    others, the oldest are visible as long as there is room; the rest is hidden.
     """
     if len(tracks) < 2:
         return Sharing(tracks, [], [])
@@ -157,19 +155,10 @@ def share_blob(tracks: list[Track], area: float, p: TrackingParams) -> Sharing:
         return Sharing(first[:1], [], first[1:])
     parts = [track for track in tracks if all(track is not other for other in objects)]
     objects.sort(key=lambda track: track.number)
-    if len(objects) > 1 and sum(track.last[PIXELS] for track in objects) < area / p.parent_area_ratio:
-        return Sharing(objects[:1], [], parts + objects[1:])
-    largest = max(objects, key=lambda track: track.last[PIXELS])
-    shown, hidden, speed = list[Track](), list[Track](), math.hypot(*largest.velocity)
+    shown, hidden = list[Track](), list[Track]()
     for track in objects:
-        small = track.last[PIXELS] * p.parent_area_ratio < largest.last[PIXELS]
-        if small and math.dist(track.velocity, largest.velocity) < PARENT_VELOCITY_TOLERANCE * speed:
-            parts.append(track)
-        elif not shown or has_room(track, shown, area):
-            shown.append(track)
-        else:
-            hidden.append(track)
-    return Sharing(shown or [largest], hidden, parts)
+        (shown if not shown or has_room(track, shown, area) else hidden).append(track)
+    return Sharing(shown, hidden, parts)
 
 
 def has_room(track: Track, shown: Sequence[Track], area: float) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 from ndtorch.foreground.arrays import Floats, Numbers
@@ -15,14 +14,12 @@ from ndtorch.tracking.rigid_motion import (
     path_straightness,
     revoke_confirmation,
 )
-from ndtorch.tracking.track import BOX, PIXELS, Track, TrackState, is_small
+from ndtorch.tracking.track import Track, TrackState, is_small
 
 MAX_SHADOW = 0.5
 """A track of which this share, in the mean, may be a narrow shadow is one."""
 CONFIDENT_TRAVEL, CONFIDENT_STRAIGHTNESS = 2.0, 0.8
 """A small track is confirmed after so many times the usual distance, on a path that is this straight."""
-PARENT_DISTANCE_SIZES, PARENT_VELOCITY_TOLERANCE = 1.0, 0.5
-"""A track within so many sizes of a larger one, whose velocity differs by less than this fraction, is a part of it."""
 
 
 def confirm(
@@ -60,7 +57,6 @@ def confirm(
             and (not is_small(one, width, p) or is_confident(one, p))
             and not is_shadow(one)
             and is_object(one, light, p)
-            and not moves_with_larger_track(one, tracks, p)
             and not is_particle_clutter(one, births, seen_for, width, p)
         ):
             one.state, one.confirmed_at = TrackState.CONFIRMED, time if one.confirmed_at < 0 else one.confirmed_at
@@ -108,20 +104,3 @@ def is_confident(track: Track, p: TrackingParams) -> bool:
 def is_shadow(track: Track) -> bool:
     """Whether a track was, in all its detections together, hardly more than a narrow shadow."""
     return track.shadow_sum >= MAX_SHADOW * track.count
-
-
-def moves_with_larger_track(track: Track, others: Sequence[Track], p: TrackingParams) -> bool:
-    """Whether a much larger track beside it moves as it does: common fate. So do shadows and fragments of an object."""
-    time, (top, left, bottom, right) = track.last_seen, track.last[BOX]
-    speed = math.hypot(*track.velocity)
-    for other in others:
-        if other is track or other.last_seen != time or other.last[PIXELS] < p.parent_area_ratio * track.last[PIXELS]:
-            continue
-        box = other.last[BOX]
-        gap = max(top - box[2], box[0] - bottom, left - box[3], box[1] - right)
-        if gap >= PARENT_DISTANCE_SIZES * other.size:
-            continue
-        largest = max(speed, math.hypot(*other.velocity))
-        if math.dist(track.velocity, other.velocity) < PARENT_VELOCITY_TOLERANCE * largest:
-            return True
-    return False

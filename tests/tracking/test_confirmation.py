@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from ndtorch.tracking.clutter import empty_clutter_map
-from ndtorch.tracking.confirmation import (
-    PARENT_DISTANCE_SIZES,
-    PARENT_VELOCITY_TOLERANCE,
-    moves_with_larger_track,
-    travels_enough,
-)
+from ndtorch.tracking.confirmation import travels_enough
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.track import Track, max_missed_time
 
@@ -45,36 +40,3 @@ def test_a_track_is_waited_for_until_the_next_picture(dt: float, waited: float) 
     one = Track.begin(0, 0.0, np.array([0.5, 0.5]))
     one.new_detections.append((0.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.01, 0.5, 0.5))
     assert max_missed_time(one, dt, TrackingParams()) == pytest.approx(waited)
-
-
-PARTS = TrackingParams()
-SMALL, LARGE = 0.01, 0.01 * PARTS.parent_area_ratio
-NEAR = PARENT_DISTANCE_SIZES * 0.2
-
-
-@pytest.mark.parametrize(
-    ("gap", "pixels", "slower", "seen", "is_part"),
-    [
-        (0.9 * NEAR, LARGE, 0.9 * PARENT_VELOCITY_TOLERANCE, 1.0, True),
-        (1.1 * NEAR, LARGE, 0.9 * PARENT_VELOCITY_TOLERANCE, 1.0, False),
-        (0.9 * NEAR, 0.99 * LARGE, 0.9 * PARENT_VELOCITY_TOLERANCE, 1.0, False),
-        (0.9 * NEAR, LARGE, 1.1 * PARENT_VELOCITY_TOLERANCE, 1.0, False),
-        (0.9 * NEAR, LARGE, 0.9 * PARENT_VELOCITY_TOLERANCE, 0.9, False),
-    ],
-)
-@pytest.mark.parametrize("side", range(4))
-def test_what_moves_with_something_much_larger_beside_it_is_a_part_of_it(
-    side: int, gap: float, pixels: float, slower: float, seen: float, is_part: bool
-) -> None:
-    one, other = (Track.begin(n, 0.0, np.array([0.5, 0.5])) for n in range(2))
-    other.extent, one.extent = np.array([0.2, 0.2]), np.array([0.1, 0.1])
-    away = np.array([(0, 1), (0, -1), (1, 0), (-1, 0)][side]) * (gap + 0.15)
-    for each, time, (row, column), half, size in (
-        (one, 1.0, 0.5 + away, 0.05, SMALL),
-        (other, seen, (0.5, 0.5), 0.1, pixels),
-    ):
-        each.new_detections.append(
-            (time, row, column, row - half, column - half, row + half, column + half, size, row, column)
-        )
-    other.velocity, one.velocity = np.array([0.0, 1.0]), np.array([0.0, 1.0 - slower])
-    assert moves_with_larger_track(one, [one, other], PARTS) is is_part
