@@ -157,6 +157,8 @@ class Foreground(Seeded):
     """Height in pixels of the frames that all methods get; 0 for their own."""
     streets: bool = False
     """Also use generated crowds, lanes, covers, long shadows, moving cameras and insects."""
+    dishes: bool = False
+    """Also use generated dishes with 2, 5 and 12 insects of 8 to 30 pixels."""
     ablate: bool = False
     """Switch off one rule of the model foreground at a time instead, over the folder and those clips."""
 
@@ -178,7 +180,8 @@ class Foreground(Seeded):
 
         generated = Generated(self.generated, self.counts, self.fps, self.keep) if self.generated else None
         negative = None if self.negative is None else (self.negative, self.negative_seconds)
-        return foreground_benchmark(self.methods, self.rows, self.split, self.folder, generated, negative, self.streets)
+        clips = self.folder, generated, negative, self.streets, self.dishes
+        return foreground_benchmark(self.methods, self.rows, self.split, *clips)
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from ndtorch.run.opening import CAMERA_MODELS
 from ndtorch.scenes.video import reduced
 from ndtorch.utils.packages import MODELS, need
 from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
+from ndtorch_train.benchmark.dish_clips import DISHES, dish_clip
 from ndtorch_train.benchmark.generated_clips import boxes_of, clip_file, draw_clip
 from ndtorch_train.benchmark.mot import (
     SMALLEST,
@@ -101,6 +102,7 @@ def foreground_benchmark(
     generated: Generated | None = None,
     negative: tuple[Path, float] | None = None,
     streets: bool = False,
+    dishes: bool = False,
 ) -> Benchmark:
     """The benchmark of some methods on labelled, generated and negative clips.
 
@@ -111,7 +113,7 @@ def foreground_benchmark(
         folder: of labelled clips.
         generated: which clips to generate.
         negative: a still image or a video, and seconds of each clip drawn over it.
-        streets: whether the kinds of `street_clips` are used.
+        streets, dishes: whether the kinds of `street_clips` and of `dish_clips` are used.
 
     Raises:
         InputError: an unknown method, clips that cannot be read, or numbers out of range.
@@ -137,8 +139,10 @@ def foreground_benchmark(
             clips[kind] = functools.partial(negative_clip, kind, still, negative[1], split)
     for kind in STREETS if streets else ():
         clips[kind] = functools.partial(drawn_clip, kind, split)
+    for kind in DISHES if dishes else ():
+        clips[kind] = functools.partial(dish_in, kind, split)
     if not clips:
-        raise InputError("name a folder of clips, or give --streets, --generated N or --negative IMAGE")
+        raise InputError("name a folder of clips, or give --streets, --dishes, --generated N or --negative IMAGE")
     tasks = [
         Task(f"{clip}, {method}", functools.partial(measure, method, clip, make, rows))
         for clip, make in clips.items()
@@ -185,6 +189,11 @@ def negative_clip(kind: str, still: Pixels, seconds: float, split: Split, out: P
 def drawn_clip(kind: str, split: Split, out: Path) -> LabelledClip:
     """A street clip, which needs no folder."""
     return street_clip(kind, split)
+
+
+def dish_in(kind: str, split: Split, out: Path) -> LabelledClip:
+    """A dish as an encoded file in `clips` of the benchmark's folder."""
+    return dish_clip(kind, split, out / "clips")
 
 
 def measure(method: str, name: str, make: Callable[[Path], LabelledClip], rows: int, folder: Path) -> list[Row]:

@@ -434,12 +434,12 @@ def clip_file(clip: Clip, folder: Path) -> Path:
     path = folder / f"{clip.name}.mp4"
     if not path.exists():
         with replacing(path) as part:
-            encode(Painter(clip).frames(), part, clip)
+            encode(Painter(clip).frames(), part, clip.fps, clip.size, clip.quality)
     return path
 
 
-def encode(frames: Iterable[Frame], path: Path, clip: Clip) -> None:
-    """Write frames `[H, W, 3]` (red, green, blue) as H.264 with the clip's quality.
+def encode(frames: Iterable[Frame], path: Path, fps: float, size: tuple[int, int], quality: int) -> None:
+    """Write frames `[H, W, 3]` (red, green, blue) as H.264 with a constant rate factor.
 
     Raises:
         InputError: the file cannot be written.
@@ -449,9 +449,9 @@ def encode(frames: Iterable[Frame], path: Path, clip: Clip) -> None:
     except OSError as error:
         raise InputError(f"video {path} cannot be written: {error}") from None
     with container:
-        stream = container.add_stream("libx264", rate=Fraction(clip.fps).limit_denominator(1000))
-        stream.height, stream.width, stream.pix_fmt = *clip.size, "yuv420p"
-        stream.options = {"crf": str(clip.quality), "preset": "veryfast", "threads": "1"}
+        stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))
+        stream.height, stream.width, stream.pix_fmt = *size, "yuv420p"
+        stream.options = {"crf": str(quality), "preset": "veryfast", "threads": "1"}
         for frame in frames:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
         container.mux(stream.encode())
