@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -19,6 +19,7 @@ from rosbags.typesys.store import Typestore
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, Pose, Ranges, StereoRig
+from ndtorch.navigation.mapping.map_files import FREE, OCCUPIED, PIXEL, ros_pixels
 from ndtorch_robot.ports import DriveCommand
 
 MAP, ODOM, BASE, CAMERAS = "map", "odom", "base_link", ("camera_left", "camera_right")
@@ -39,14 +40,15 @@ def typestore() -> Typestore:
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
-@cache
-def message_class(name: str) -> Any:
-    return typestore().types[name]
+def load_types(*names: str) -> None:
+    """Make the code that writes messages of these types: some .4 s, in which a loop would stand."""
+    for name in names:
+        typestore().get_msgdef(name)
 
 
 def new(name: str, *fields: Any) -> Any:
     """A message of a type such as `"nav_msgs/msg/Odometry"` from all its fields, in their order."""
-    return message_class(name)(*fields)
+    return typestore().types[name](*fields)
 
 
 def to_cdr(message: Any) -> bytes:
@@ -151,12 +153,18 @@ def transform(parent: str, child: str, pose: Pose, time: float) -> Any:
     return new("geometry_msgs/msg/TransformStamped", header(time, parent), child, place)
 
 
-def occupancy_grid(cells: torch.Tensor, grid: Grid, time: float) -> Any:
-    """`nav_msgs/OccupancyGrid` of a normalised map `[rows, columns]`: percent of its largest cell; zero is unknown."""
-    values = torch.where(cells > 0, (cells * 100).round().clamp(1, 100), -1.0).to(torch.int8)
+def occupancy_grid(cells: torch.Tensor, grid: Grid, time: float, path: Sequence[tuple[float, float]] = ()) -> Any:
+    """`nav_msgs/OccupancyGrid` of a map `[rows, columns]`, by the rule of `map.pgm`: 100, 0 along the path, or -1.
+
+    Args:
+        path: places, m, where the body was.
+    """
+    pixels = ros_pixels(cells, grid, np.array(path, np.float64).reshape(-1, 2))
+    values = np.where(pixels == OCCUPIED, 100, np.where(pixels == FREE, 0, -1)).astype(np.int8)
     at, origin = header(time, MAP), ros_pose(Pose(grid.left, grid.bottom, 0.0))
-    info = new("nav_msgs/msg/MapMetaData", at.stamp, grid.cell, grid.columns, grid.rows, origin)
-    return new("nav_msgs/msg/OccupancyGrid", at, info, values.reshape(-1).numpy())
+    rows, columns = values.shape
+    info = new("nav_msgs/msg/MapMetaData", at.stamp, grid.cell * PIXEL, columns, rows, origin)
+    return new("nav_msgs/msg/OccupancyGrid", at, info, values.reshape(-1))
 
 
 def diagnostics(standing: str | None, telemetry: Mapping[str, Any], time: float) -> Any:

@@ -59,12 +59,19 @@ def test_transforms_lead_to_the_place_in_the_map():
     assert (x, y, turn + ros.yaw(inner.transform.rotation)) == pytest.approx(tuple(place))
 
 
-def test_a_map_in_percent():
-    grid = Grid(-1.0, 2.0, 0.0, 2.0, cell=1.0)
-    found = read_again(ros.occupancy_grid(torch.tensor([[0.0, 1.0, 0.001], [0.5, 0.0, 0.0]]), grid, 0.0))
-    assert (found.info.width, found.info.height, found.info.resolution) == (3, 2, 1.0)
+def test_a_map_of_what_is_occupied_and_free():
+    """5 cm a pixel: a cell of 1 cm fills its pixel, a faint one does not, and the body was where the path is."""
+    grid, cells = Grid(-1.0, 1.0, 0.0, 0.5, cell=0.01), torch.zeros(50, 200)
+    cells[22, 151], cells[40, 10], cells[40, 100] = 1.0, 0.01, 0.5
+    found = read_again(ros.occupancy_grid(cells, grid, 0.0, [(-0.9, 0.02)]))
+    assert (found.info.width, found.info.height, found.info.resolution) == (40, 10, pytest.approx(0.05))
     assert (found.info.origin.position.x, found.info.origin.position.y) == (-1.0, 0.0)
-    assert list(found.data) == [-1, 100, 1, 50, -1, -1]
+    data = np.array(found.data).reshape(10, 40)
+    assert np.argwhere(data == 100).tolist() == [[4, 30], [8, 20]]
+    free = np.argwhere(data == 0) * 0.05 + (0.025, 0.025 - 1.0)
+    assert len(free) > 10
+    assert np.hypot(*(free - (0.02, -0.9)).T).max() < 0.25
+    assert set(data.ravel()) == {-1, 0, 100}
 
 
 def test_diagnostics_say_why_the_car_stands():

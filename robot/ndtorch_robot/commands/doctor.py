@@ -6,10 +6,6 @@ import json
 import sys
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from ndtorch_robot.doctor import Finding
 
 MARKS = {"works": "ok  ", "missing": "-   ", "fails": "FAIL"}
 
@@ -33,7 +29,8 @@ class Doctor:
         for finding in examine():
             found.append(finding)
             if not self.json:
-                print(described(finding), flush=True)
+                advice = f"\n{'':29s} -> {finding.advice}" if finding.advice else ""
+                print(f"{MARKS[finding.state]} {finding.part:24s} {finding.words}{advice}", flush=True)
         seconds = self.prepared() if self.prepare else {}
         failed = [finding.part for finding in found if finding.state == "fails"]
         if self.json:
@@ -56,8 +53,3 @@ class Doctor:
             taken[name] = round(time.perf_counter() - began, 3)
             print(f"{taken[name]:8.1f} s  {name}", file=sys.stderr if self.json else sys.stdout, flush=True)
         return taken
-
-
-def described(finding: Finding) -> str:
-    line = f"{MARKS[finding.state]} {finding.part:24s} {finding.words}"
-    return line + (f"\n{'':29s} -> {finding.advice}" if finding.advice else "")

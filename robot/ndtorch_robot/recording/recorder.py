@@ -19,6 +19,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import GridMap, Pose, Ranges, cut_strips
 from ndtorch.navigation.mapping.grid_map import GridMapState
 from ndtorch_robot import ros_messages as ros
+from ndtorch_robot.map_saving import APART
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Closing, Report, Step
 from ndtorch_robot.recording.streams import (
@@ -33,7 +34,7 @@ from ndtorch_robot.recording.streams import (
     line_of,
 )
 
-FLUSH = 0.5
+FLUSH = 0.3
 """Seconds of a chunk, which is written at its end and then forced onto the disk: a cut file loses no more."""
 
 RESERVE = 100_000_000
@@ -48,6 +49,19 @@ LINES = 20
 
 MAP_EVERY, PICTURE_EVERY, TOLD_EVERY = 5.0, 0.2, 1.0
 """Seconds between two maps, two whole pictures and two diagnostics."""
+
+TYPES = (
+    "std_msgs/msg/String",
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/CameraInfo",
+    "sensor_msgs/msg/LaserScan",
+    "nav_msgs/msg/Odometry",
+    "nav_msgs/msg/OccupancyGrid",
+    "tf2_msgs/msg/TFMessage",
+    "geometry_msgs/msg/TwistStamped",
+    "diagnostic_msgs/msg/DiagnosticArray",
+)
 
 CHUNK = 1 << 30
 """Bytes after which `mcap` would end a chunk by itself: never, so that every chunk holds whole steps."""
@@ -119,6 +133,8 @@ class Recorder(Closing):
         self.told: tuple[str | None, float] = ("", -math.inf)
         self.began, self.flushed, self.now = math.nan, monotonic(), 0.0
         self.taken, self.kept = 0, (0, 0)
+        self.last: Step | None = None
+        self.places: list[tuple[float, float]] = []
         self.forcing: threading.Thread | None = None
         self.disk_error: Exception | None = None
         try:
@@ -128,6 +144,7 @@ class Recorder(Closing):
             raise InputError(f"{path} exists already: choose another name") from None
         except OSError as error:
             raise InputError(f"{path}: cannot record into this file ({error.strerror})") from None
+        ros.load_types(*TYPES)
         self.writer: Any = Writer(self.file, chunk_size=CHUNK)
         self.channels: dict[str, int] = {}
         configuration = json.dumps({} if runner is None else runner.configuration())
@@ -259,7 +276,11 @@ class Recorder(Closing):
         self.add("/tf", ros.transforms(believed.pose, believed.place, time), step)
         if believed.map is not None and runner is not None and runner.grid is not None:
             cells = GridMap.normalise(runner.grid.inner(believed.map.cells))
-            self.add("/map", ros.occupancy_grid(cells, runner.grid, time), step)
+            self.add("/map", ros.occupancy_grid(cells, runner.grid, time, self.places), step)
+        at = float(believed.place.x), float(believed.place.y)
+        if not self.places or math.dist(at, self.places[-1]) >= APART:
+            self.places.append(at)
+        self.last = step
 
     def add(self, topic: str, message: Any, step: Step) -> None:
         """A message of a step, the number of which is its sequence."""
@@ -319,6 +340,10 @@ class Recorder(Closing):
         if self.failed:
             return
         try:
+            if self.last is not None and self.runner is not None and self.runner.grid is not None:
+                cells = self.runner.map_cells()
+                final = ros.occupancy_grid(cells, self.runner.grid, self.last.time, self.places)
+                self.add("/map", final, self.last)
             self.flush()
             counts = {"given": self.number, "steps": self.steps, "without_frames": self.without_frames}
             self.writer.add_metadata(END, {name: str(count) for name, count in counts.items()})

@@ -35,7 +35,7 @@ for n in range(1000):
 
 
 @pytest.mark.realtime
-def test_a_kill_costs_a_second_and_half_with_whole_frames(tmp_path):
+def test_a_kill_costs_less_than_a_second_with_whole_frames(tmp_path):
     """Two pictures take four times as long as there is time: frames are left out rather than written late."""
     path = tmp_path / "r.mcap"
     with subprocess.Popen([sys.executable, "-c", STARVED, str(path)], stdout=subprocess.PIPE) as process:
@@ -45,11 +45,11 @@ def test_a_kill_costs_a_second_and_half_with_whole_frames(tmp_path):
         last = max([last, *(float(line) for line in process.stdout.read().split())])
     found = list(open_recording(path).steps())
     print(f"lost {last - found[-1].time:.3f} s")
-    assert last - found[-1].time < 1.5
+    assert last - found[-1].time < 1.0
     kept = [step.time for step in found if step.frames is not None]
     # One at a time, each the slower the busier the machine is; the share of time is not the recorder's.
     assert len(kept) >= 3
-    assert last - kept[-1] < 2.0  # some frames come through all the time
+    assert last - kept[-1] < 1.5  # some frames come through all the time
     assert [step.number for step in found] == list(range(len(found)))
 
 
