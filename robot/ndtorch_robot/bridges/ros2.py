@@ -192,6 +192,7 @@ def idl_type(kind: str) -> Any:
     """The IDL type of Cyclone DDS for a message type, of the definitions of `rosbags`."""
     from cyclonedds.idl import make_idl_struct
 
+    ros.load_types(kind)
     package, middle, name = kind.split("/")
     fields = {field: idl_field(described) for field, described in ros.typestore().fielddefs[kind][1]}
     return make_idl_struct(f"{name}_", f"{package}.{middle}.dds_.{name}_", fields)

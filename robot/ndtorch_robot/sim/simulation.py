@@ -159,10 +159,11 @@ class Simulation(Drive):
         if place is not None:
             self.data.mocap_pos[0] = [*place, 0.0]
 
-    def touches(self) -> bool:
+    def touches(self, pose: tuple[float, float, float] | None = None) -> bool:
+        """Whether the car would touch anything at a pose, by default its own."""
         import mujoco
 
-        self.data.qpos[:] = self.pose
+        self.data.qpos[:] = self.pose if pose is None else pose
         mujoco.mj_kinematics(self.world.model, self.data)
         mujoco.mj_comPos(self.world.model, self.data)
         mujoco.mj_collision(self.world.model, self.data)
