@@ -192,4 +192,4 @@ def preparations() -> Iterator[tuple[str, Callable[[], object]]]:
     for n, frame in enumerate(frames):
         frame[:, 16:32, 4 * n : 4 * n + 16] = 200
     for name in ndtorch.model_names():
-        yield name, lambda name=name: ndtorch.load(name)(frames)  # type: ignore[misc]
+        yield name, lambda name=name: ndtorch.load(name, size=(48, 64))(frames)  # type: ignore[misc]

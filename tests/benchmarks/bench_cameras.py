@@ -111,7 +111,7 @@ def rows(device: str | None = None) -> list[Row]:
         taken = Step(0, 0.0, seen, STILL, STILL, STILL, runner.state)
         with (
             Recorder(Path(folder) / "r.mcap", runner, queue=10) as recorder,
-            Unqueued(Path(folder) / "w.mcap") as thread,
+            Unqueued(Path(folder) / "w.mcap", runner) as thread,
         ):
             jobs = {
                 "navigate": lambda: runner.step(seen, STILL),

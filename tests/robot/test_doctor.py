@@ -109,3 +109,8 @@ def test_preparing_says_what_it_took(capsys, quick, monkeypatch):
     told = json.loads(capsys.readouterr().out)
     assert done == [1, 2]
     assert list(told["prepared_s"]) == ["one", "two"]
+
+
+@pytest.mark.parametrize("name", ["foreground", "published"])
+def test_what_is_prepared_runs(name):
+    dict(doctor.preparations())[name]()
