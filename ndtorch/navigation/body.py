@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from ndtorch.arguments import check_numbers, check_signs, renamed_fields
@@ -11,6 +12,12 @@ from ndtorch.navigation.stereo.search import SearchParams
 
 USUAL_FOCAL_BASELINE = 129.0
 """Pixels times metres of the rig of [A], for which the disparities of `MatchParams` and `SearchParams` are."""
+
+USUAL_SPEED, USUAL_STOP = 0.5, 0.1
+"""The car of [A] drives at the first, m/s, and stops within the second, m: its reaction and its braking."""
+
+SPOT_RADIUS = 0.05
+"""Radius of a turn on the spot, in units of the body: commands are speed and curvature."""
 
 
 @renamed_fields(length="length_m (all of it)", width="width_m (all of it)", room="RangingParams.safety_margin_m")
@@ -25,7 +32,11 @@ class Body:
     Args:
         length_m: The body has this length.
         width_m: The body has this width.
-        min_turn_radius_m: The robot cannot turn more tightly than this; 0 for a robot that turns on the spot.
+        min_turn_radius_m: The robot cannot turn more tightly than this; 0 for a differential drive, which turns on the
+            spot.
+        max_speed_m_per_s: The robot drives no faster than this.
+        max_acceleration_m_per_s2: Its speed changes no faster than this.
+        reaction_s: The robot obeys so long after a command.
 
     Raises:
         InputError: A number is out of range.
@@ -37,10 +48,19 @@ class Body:
     length_m: float = 0.5
     width_m: float = 0.36
     min_turn_radius_m: float = 0.45
+    max_speed_m_per_s: float = 1.0
+    max_acceleration_m_per_s2: float = 2.5
+    reaction_s: float = 0.1
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        check_signs(self, positive=("length_m", "width_m"))
+        positive = ("length_m", "width_m", "max_speed_m_per_s", "max_acceleration_m_per_s2")
+        check_signs(self, positive=positive)
+
+    @property
+    def spins(self) -> bool:
+        """Whether it turns on the spot."""
+        return self.min_turn_radius_m == 0
 
     @property
     def unit_m(self) -> float:
@@ -52,10 +72,28 @@ class Body:
             self.min_turn_radius_m / usual.min_turn_radius_m,
         )
 
+    @property
+    def max_curvature_per_m(self) -> float:
+        """Of the tightest turn; that on the spot has `SPOT_RADIUS`."""
+        return 1 / (self.min_turn_radius_m or SPOT_RADIUS * self.unit_m)
+
+    @property
+    def cruise_m_per_s(self) -> float:
+        """The speed at which it stops within the length in which the car of [A] does, in units of its body."""
+        unit, brake = self.unit_m, self.max_acceleration_m_per_s2
+        lag = brake * self.reaction_s
+        stopping = math.sqrt(lag * lag + 2 * brake * USUAL_STOP * unit) - lag
+        return min(USUAL_SPEED * unit, stopping, self.max_speed_m_per_s)
+
+    @property
+    def speed_ratio(self) -> float:
+        """`cruise_m_per_s` as a share of the speed of the car of [A], in units of the body."""
+        return min(1.0, round(self.cruise_m_per_s / (USUAL_SPEED * self.unit_m), 9))
+
     def in_units(self) -> Body:
         """The body in its own units, in which the controllers reckon."""
-        unit = self.unit_m
-        return Body(self.length_m / unit, self.width_m / unit, self.min_turn_radius_m / unit)
+        lengths = {name: value / self.unit_m for name, value in vars(self).items() if name != "reaction_s"}
+        return replace(self, **lengths)
 
 
 def rig_in_units(rig: StereoRig, unit: float) -> StereoRig:
@@ -75,5 +113,5 @@ def search_params(rig: StereoRig, body: Body, rows: int = 1) -> SearchParams:
     """The disparities at which a body needs ranges: as `SearchParams` has them for the car and the rig of [A]."""
     share, usual = rig.focal * rig.baseline / body.unit_m / USUAL_FOCAL_BASELINE, SearchParams()
     least = max(1, round(share * usual.min_disparity_px))
-    most = max(least + 2, round(share * usual.max_disparity_px))
+    most = max(least + 2, min(round(share * usual.max_disparity_px), rig.width - 4 * usual.half_width_px))
     return SearchParams(rows=rows, min_disparity_px=least, max_disparity_px=most)

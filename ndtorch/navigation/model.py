@@ -58,9 +58,9 @@ class Navigator(nn.Module):
         dt: time step, s.
         controller: the name of a controller (`controller_names`), or one that was made for this rig and step.
         params: parameters of the controller that is named, an instance of its `Params`.
-        search: range by searching the right row instead of matching features.
-        features, matching: parameters of the ranging. `FeatureParams(7, edge_reach_px=4, shared=True)` ranges better
-            than the published default.
+        search: parameters of the search of the right row, by which is ranged for controllers that check what is near,
+            unless `features` or `matching` is given.
+        features, matching: parameters of the matching of features, as [A] and the controller `"published"` range.
         angles: `"atan"` (exact) or `"linear"` (as published).
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
         backend: `"numba"`, `"torch"`, or `"auto"`: the first of them that the controller has.
@@ -117,6 +117,9 @@ class Navigator(nn.Module):
             raise InputError(f"this controller has the backend {controller.backend!r}, got backend={backend!r}")
         self.controller: Controller = controller
         self.backend = controller.backend
+        how = SearchParams(rows=1) if body is None else search_params(rig, body)
+        if search is None and features is None and matching is None and self.controller.checks_near:
+            search = how
         matching = match_params(rig, body) if matching is None and body is not None else matching
         self.ranging = StereoRanging(rig, dt, features, matching, angles, search=search)
         self.reckoning = DeadReckoning(dt)
@@ -125,7 +128,6 @@ class Navigator(nn.Module):
         self.row = row_rect(rig)
         # Where the ranging itself searches, the controller is told at every frame.
         looks = near_check and self.backend == "numba" and self.controller.checks_near
-        how = SearchParams(rows=1) if body is None else search_params(rig, body)
         searching = StereoRanging(rig, dt, angles=angles, search=how) if search is None else None
         near = ProximityCheck(rig if body is None else rig_in_units(rig, body.unit_m), self.controller.fields)
         self.near = ProximitySchedule(near, searching) if looks else None

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ndtorch.errors import InputError
+from ndtorch.navigation.body import Body, search_params
 from ndtorch.navigation.controllers.contract import Controller, Task
-from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class, make_controller
+from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class
+from ndtorch.navigation.controllers.scaled import controller_for_body
 from ndtorch.navigation.localisation.localiser import Localiser
 from ndtorch.navigation.localisation.ndt import from_sparse
 from ndtorch.navigation.localisation.params import LocaliserParams
@@ -49,7 +51,7 @@ class NavigatorOptions:
             in the plan of a simulated building.
         explore: The controller `goal` then explores what it has not visited.
         return_home: The controller `goal` then returns to the start.
-        speed: The car drives at this speed where nothing is in its path, m/s.
+        speed: The car drives at this speed where nothing is in its path, m/s; another body at this speed in its units.
         localise: Scan matching corrects dead reckoning, and the map is made with the corrected poses.
         known_map: The car finds its place in the `map.npz` of this path, which a drive with `localise` has made, and
             localises in it.
@@ -82,35 +84,45 @@ class NavigatorOptions:
                 f"the map of localise reaches {reach:g} m from 0,0 along x and y: goal {self.goal} is beyond"
             )
 
-    def fields(self, rig: StereoRig) -> tuple[Rect, Rect]:
+    def fields(self, rig: StereoRig, body: Body | None = None) -> tuple[Rect, Rect]:
         """The rectangles that the controller looks at."""
-        return self.make(rig, 1 / 30).fields
+        return self.make(rig, 1 / 30, body).fields
 
     def task(self) -> Task:
         """What the controller is asked to do."""
         return Task(place_of(self.goal), self.explore, self.return_home, self.speed)
 
-    def make(self, rig: StereoRig, dt: float) -> Controller:
+    def make(self, rig: StereoRig, dt: float, body: Body | None = None) -> Controller:
         """The controller.
 
         Raises:
             InputError: it cannot do what it is asked to.
         """
-        return make_controller(self.controller, rig, dt, controller_class(self.controller).params_for(self.task()))
+        params = controller_class(self.controller).params_for(self.task())
+        return controller_for_body(self.controller, rig, dt, body or Body(), params)
 
-    def search(self) -> SearchParams | None:
+    def search(self, rig: StereoRig, body: Body | None = None) -> SearchParams | None:
         """How the right row is searched, if it is."""
         if self.stereo != "search":
             return None
         # Cameras hand over the horizon row alone.
-        return SearchParams(rows=1, ahead_count=round(self.ahead_share * SearchParams.count))
+        found = SearchParams(rows=1) if body is None else search_params(rig, body)
+        return dataclasses.replace(found, ahead_count=round(self.ahead_share * SearchParams.count))
 
-    def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None, near_check: bool = True) -> Navigator:
+    def navigator(
+        self,
+        rig: StereoRig,
+        rate: float,
+        grid: Grid | None = None,
+        near_check: bool = True,
+        body: Body | None = None,
+    ) -> Navigator:
         """A navigator for so many frames a second.
 
         Args:
             grid: the part of the world to map, if any.
             near_check: see `Navigator`.
+            body: of the robot; the car of [A] by default.
         """
         edges = self.feature_position == "edges"
         features = FeatureParams(
@@ -124,13 +136,15 @@ class NavigatorOptions:
         return Navigator(
             rig,
             1 / rate,
-            controller=self.make(rig, 1 / rate),
+            controller=self.controller,
+            params=controller_class(self.controller).params_for(self.task()),
             features=features,
             angles=self.angle,
-            search=self.search(),
+            search=self.search(rig, body),
             grid_map=grid_map,
             near_check=near_check,
             localiser=self.localiser(rig, rate),
+            body=body,
         )
 
     def localiser(self, rig: StereoRig, rate: float) -> Localiser | None:

@@ -7,17 +7,28 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from ndtorch.utils.toml import check, read_toml
+from ndtorch.navigation import Body, StereoRig
+from ndtorch.navigation.options import OPTION_NAMES
+from ndtorch.utils.toml import check, read_toml, toml_values
 from ndtorch_robot.navigator_table import NavigatorTable
+from ndtorch_robot.robot_config import RobotTable
+from ndtorch_robot.run_config import RunConfig
+from ndtorch_robot.safety import SafetyLimits
 from ndtorch_robot.sim.disturbances import read_disturbances
 
 RATE = 30.0
 """Frames a second of a simulated drive."""
 
+LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
+"""Of the car of [A]."""
+
 
 class DriveConfig(NavigatorTable):
     """The file of a simulated drive: these keys beside the options of `NavigatorOptions`."""
 
+    robot: RobotTable | None = Field(
+        None, description="This robot drives, the file of one for `ndtorch run`; the car of [A] by default."
+    )
     arena: str = Field("hallway", description="The car drives in this arena, a name or a .toml file.")
     seed: int = Field(0, ge=0, lt=2**31, description="Building, textures and start follow from this number.")
     seconds: float = Field(60.0, gt=0, le=86400, description="The drive takes this simulated time, in s.")
@@ -40,7 +51,21 @@ class DriveConfig(NavigatorTable):
 
     @property
     def rate(self) -> float:
-        return read_disturbances(self.disturbance).car().fps or RATE
+        own = RATE if self.robot is None else self.robot.rate_hz
+        return read_disturbances(self.disturbance).car().fps or own
+
+    @property
+    def body(self) -> Body:
+        return Body() if self.robot is None else self.robot.body.body()
+
+    @property
+    def rig(self) -> StereoRig:
+        return StereoRig(forward=0.15) if self.robot is None else self.robot.stereo_rig()
+
+    @property
+    def limits(self) -> SafetyLimits:
+        """Of the safety layer."""
+        return LIMITS if self.robot is None else self.robot.simulated_limits()
 
 
 def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:
@@ -51,6 +76,18 @@ def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:
     """
     values: dict[str, object] = {}
     if file is not None:
-        values = read_toml(file, DriveConfig).model_dump(exclude_unset=True)
+        values = toml_values(file)
+        check(robot_of(values), DriveConfig, str(file))
     values |= {key: value for key, value in choices.items() if value is not None}
-    return check(values, DriveConfig, "drive")
+    return check(robot_of(values), DriveConfig, "drive")
+
+
+def robot_of(values: dict[str, object]) -> dict[str, object]:
+    """The same values with the robot of the file that they name, and what that file says of navigation below them."""
+    file = values.get("robot")
+    if not isinstance(file, str | Path):
+        return values
+    found = read_toml(Path(file), RunConfig)
+    options = found.navigation.model_dump(include=set(OPTION_NAMES), exclude_unset=True)
+    robot = found.model_dump(include=set(RobotTable.model_fields))
+    return {**options, **values, "robot": robot}

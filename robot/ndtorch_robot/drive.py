@@ -15,6 +15,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
+from ndtorch.navigation.body import match_params
 from ndtorch.navigation.controllers import Trace
 from ndtorch.navigation.options import place_of
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
@@ -30,15 +31,12 @@ from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.navigator_table import print_note
 from ndtorch_robot.ports import DriveCommand, Observer, Step
 from ndtorch_robot.recording.recorder import Recorder
-from ndtorch_robot.safety import SafeDrive, SafetyLimits
+from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.sim.respawn import AutoResume, Respawn
-from ndtorch_robot.sim.simulation import RIG, Simulation
-
-LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
-"""Those of a car, but for how fast speed and steering may change: the simulated car has limits of its own for that."""
+from ndtorch_robot.sim.simulation import Simulation
 
 DRAWN = CameraLimits(patience_s=2.0)
 """Walls that are drawn blank have no marks at all: a car that turns away from one may see nothing for a second."""
@@ -110,21 +108,23 @@ def drive(
             fields=runner.fields,
             disturbances=disturbances,
             rate=rate,
+            rig=config.rig,
+            body=config.body,
         )
         stack.callback(simulation.close)
         frame_check = FrameCheck(
             simulation.rig,
             rate,
-            LIMITS.age,
+            config.limits.age,
             PATIENCE,
             joint_freeze=False,
             limits=BLANK if config.walls == "blank" else DRAWN,
             floor=runner.fields,
+            unit=config.body.unit_m,
         )
         steps = max(1, round(config.seconds * rate))
-        car = Car(
-            runner, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), steer=steer, max_steps=steps
-        )
+        safe = SafeDrive(simulation, simulation, config.limits, frame_check)
+        car = Car(runner, simulation, safe, steer=steer, max_steps=steps)
         record, respawn, path = Record(), Respawn(simulation, runner), WalkedPath()
         view = show(config, plan, runner, simulation, stack) if shown(config) else None
         recorder = None
@@ -169,7 +169,7 @@ def check_goal(config: DriveConfig, plan: Plan) -> None:
 
 def drive_runner(config: DriveConfig, plan: Plan) -> NavigatorRunner:
     """Who steers a simulated drive, with a map as large as the building."""
-    return NavigatorRunner(config.options(), RIG, config.rate, plan.grid())
+    return NavigatorRunner(config.options(), config.rig, config.rate, plan.grid(), body=config.body)
 
 
 @dataclass
@@ -238,7 +238,15 @@ def summarise(
     seconds = simulation.now()
     score = MapScore(None, None, None, None, None)
     if len(poses):
-        score = score_map(cells, plan.grid(), plan, simulation.world.profiles, poses[::5], simulation.rig)
+        score = score_map(
+            cells,
+            plan.grid(),
+            plan,
+            simulation.world.profiles,
+            poses[::5],
+            config.rig,
+            match_params(config.rig, config.body),
+        )
     hits = len(simulation.collisions)
     free, path = simulation.spawn_points.free, poses[:, :2]
     timing = car.loop.timer.summary()
@@ -252,6 +260,7 @@ def summarise(
         "step_ms": {key: round(value, 3) for key, value in timing.get("navigate", {}).items()},
         "map": {key: None if v is None else round(v, 4) for key, v in score._asdict().items()},
         "collisions_per_hour": round(hits / seconds * 3600, 1) if seconds else math.nan,
+        "body_lengths": round(record.distance / config.body.length_m, 1) if len(poses) else 0.0,
         "free_area_passed": round(coverage(free, path), 4) if len(poses) else 0.0,
         "free_area_passed_40cm": round(coverage(free, path, 0.4), 4) if len(poses) else 0.0,
         "gates": [sum(gates_passed(plan.gates, path)), len(plan.gates)] if len(poses) else [0, len(plan.gates)],

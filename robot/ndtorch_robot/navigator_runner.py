@@ -8,12 +8,15 @@ from typing import Any
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Command, Grid, Navigator, NavigatorState, Pose, StereoRig
+from ndtorch.navigation import Body, Command, Grid, Navigator, NavigatorState, Pose, StereoRig
 from ndtorch.navigation.localisation import LocaliserState
 from ndtorch.navigation.mapping.map_rendering import map_cells
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.navigator_table import configuration
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
+
+USUAL = Body()
+"""The car of [A]."""
 
 LONGEST = 4.0
 """Longest step of the navigator, periods; when frames are missing for longer, the safety layer stops the car."""
@@ -33,6 +36,7 @@ class NavigatorRunner:
         rate: steps a second.
         grid: of a map to make, which changes no command.
         near_check: check the space right ahead at the start and after every fault.
+        body: of the robot; the car of [A] by default.
 
     Attributes:
         navigator: gives the commands.
@@ -47,9 +51,10 @@ class NavigatorRunner:
         rate: float,
         grid: Grid | None = None,
         near_check: bool = True,
+        body: Body = USUAL,
     ) -> None:
-        self.rig, self.rate, self.fields = rig, rate, options.fields(rig)
-        self.navigator: Navigator = options.navigator(rig, rate, grid, near_check)
+        self.rig, self.rate, self.body, self.fields = rig, rate, body, options.fields(rig, body)
+        self.navigator: Navigator = options.navigator(rig, rate, grid, near_check, None if body == USUAL else body)
         self.state: NavigatorState | None = None
         self.time = -math.inf
         self.options, self.grid, self.near_check = options, grid, near_check
@@ -59,7 +64,7 @@ class NavigatorRunner:
         """For a recording: everything from which the same runner can be made again."""
         grid = self.grid
         sides = None if grid is None else (grid.left, grid.right, grid.bottom, grid.top, grid.cell)
-        return configuration(self.options, self.rig, self.rate) | {"map_m": sides, "near_check": self.near_check}
+        return configuration(self.options, self.rig, self.rate, self.body) | {"map_m": sides, "near_check": self.near_check}
 
     def drive_to(self, x: float, y: float) -> None:
         """Send the car to a place, m, from the next step on; from any thread."""

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from pydantic import ValidationInfo, field_validator, model_validator
 
 from ndtorch.errors import InputError
+from ndtorch.navigation.body import Body
 from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions, check_option, options_of
 from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.utils.toml import Strict
@@ -43,10 +44,11 @@ class NavigatorTable(Strict, NavigatorOptions):
         return options_of({name: getattr(self, name) for name in OPTION_NAMES})
 
 
-def configuration(options: NavigatorOptions, rig: StereoRig, rate: float) -> dict[str, Any]:
+def configuration(options: NavigatorOptions, rig: StereoRig, rate: float, body: Body) -> dict[str, Any]:
     """For a recording: everything from which the same navigator can be made again."""
     return {
         "rig": dataclasses.asdict(rig),
+        "body": dataclasses.asdict(body),
         "rate_hz": rate,
         **dataclasses.asdict(options_of(dataclasses.asdict(options))),
     }

@@ -111,7 +111,7 @@ def main(arguments: list[str]) -> None:
     config = read_toml(
         toml_file(Path(arguments[0] if arguments else "maxstone8"), "ndtorch_robot", "configs"), RunConfig
     )
-    sys.stdout.write(onboard_params(config.rig.rig(), 1 / config.rate_hz))
+    sys.stdout.write(onboard_params(config.stereo_rig(), 1 / config.rate_hz))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid, StereoRig
+from ndtorch.navigation import Body, Grid, StereoRig
 from ndtorch.navigation.controllers import controller_class
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.utils.toml import check
@@ -47,7 +47,7 @@ def open_car(config: RunConfig, report: Report, go: bool = False, observers: Ite
         stack.callback(drive.close)
         if isinstance(drive, MovesWorld):
             cameras, clock = drive.cameras_and_clock()
-            rig = config.rig.rig()
+            rig = config.stereo_rig()
         else:
             cameras, rig, clock = make_real_cameras(config)
         stack.callback(cameras.close)
@@ -71,19 +71,22 @@ def make_car(
     Args:
         near_check: not for images in which there is no floor.
     """
-    limits, half = config.limits.limits(), config.navigation.map_half_size_m
+    limits, half, body = config.safety_limits(), config.navigation.map_half_size_m, config.body.body()
     grid = Grid(-half, half, -half, half) if half else None
-    runner = NavigatorRunner(within_limits(config.navigation.options(), limits), rig, config.rate_hz, grid, near_check)
-    check = FrameCheck(rig, config.rate_hz, limits.age, limits=config.camera_monitor, floor=runner.fields)
+    options = within_limits(config.navigation.options(), limits, body)
+    runner = NavigatorRunner(options, rig, config.rate_hz, grid, near_check, body)
+    monitor, floor = config.camera_monitor, runner.fields
+    check = FrameCheck(rig, config.rate_hz, limits.age, limits=monitor, floor=floor, unit=body.unit_m)
     safe = SafeDrive(drive, clock, limits, check, report)
     return Car(runner, cameras, safe, observers=observers, go=go)
 
 
-def within_limits(options: NavigatorOptions, limits: SafetyLimits) -> NavigatorOptions:
+def within_limits(options: NavigatorOptions, limits: SafetyLimits, body: Body) -> NavigatorOptions:
     """The options with a cruise speed that the safety layer lets through, where the controller has one to choose."""
-    if options.speed <= limits.speed:
+    most = limits.speed / (body.unit_m * body.speed_ratio)
+    if options.speed <= most:
         return options
-    slower = replace(options, speed=limits.speed)
+    slower = replace(options, speed=most)
     try:
         controller_class(slower.controller).params_for(slower.task())
     except InputError:
@@ -109,10 +112,10 @@ def make_simulation(config: RunConfig) -> Simulation | None:
         raise InputError("disturbance: the frames a second of a car are its rate_hz")
     if disturbances.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
         raise InputError(f"disturbance: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")
-    rig, rate = config.rig.rig(), config.rate_hz
-    fields = config.navigation.options().fields(rig)
+    rig, rate, body = config.stereo_rig(), config.rate_hz, config.body.body()
+    fields = config.navigation.options().fields(rig, body)
     plan = load_arena(told.arena, told.seed)
-    return Simulation(plan, told.seed, rig=rig, fields=fields, disturbances=disturbances, rate=rate)
+    return Simulation(plan, told.seed, rig=rig, fields=fields, disturbances=disturbances, rate=rate, body=body)
 
 
 def make_real_cameras(config: RunConfig) -> tuple[CameraPair, StereoRig, Clock]:
@@ -124,7 +127,8 @@ def make_real_cameras(config: RunConfig) -> tuple[CameraPair, StereoRig, Clock]:
     from ndtorch_robot.cameras import CameraSettings, open_cameras
 
     settings = check(dict(config.cameras or {}), CameraSettings, "cameras")
-    cameras, rig = open_cameras(settings, config.rig.rig(), config.navigation.options().fields)
+    options, body = config.navigation.options(), config.body.body()
+    cameras, rig = open_cameras(settings, config.stereo_rig(), lambda rig: options.fields(rig, body))
     return cameras, rig, CameraClock()
 
 

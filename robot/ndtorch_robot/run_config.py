@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
-from ndtorch.navigation import StereoRig
 from ndtorch.utils.toml import Strict
 from ndtorch_robot.bridges.registry import BRIDGES
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.link.registry import HOSTED_BOARD, SERIAL, check_link
 from ndtorch_robot.navigator_table import NavigatorTable
-from ndtorch_robot.safety import SafetyLimits
+from ndtorch_robot.robot_config import RobotTable
 
 OLD_LIMITS = {
     "row_contrast": "row_contrast_levels",
@@ -35,67 +33,6 @@ OLD_LIMITS = {
     "backwards": "reversed_log_ratio",
 }
 """Keys of `[sight]` of version 0.2, and those of `[camera_monitor]`."""
-
-
-class RigTable(Strict):
-    """`[rig]`: geometry of the cameras; see `ndtorch.navigation.StereoRig`."""
-
-    baseline_m: float = Field(0.30, gt=0, description="The cameras are this far apart, in m.")
-    focal_px: float = Field(430.0, gt=0, description="The lenses have this focal length, in pixels.")
-    width_px: int = Field(640, ge=16, le=8192, description="Images have this width, in pixels.")
-    height_px: int = Field(480, ge=16, le=8192, description="Images have this height, in pixels.")
-    camera_height_m: float = Field(0.20, gt=0, description="The cameras are this high above the floor, in m.")
-    forward_m: float = Field(0.15, description="The cameras are this far in front of the middle of the car, in m.")
-    pitch_deg: float = Field(0.0, ge=-45, le=45, description="The cameras look up by this angle, in degrees.")
-    cx_px: float | None = Field(
-        None, description="The optical axis meets this column, in pixels; without a value the middle one."
-    )
-    cy_px: float | None = Field(
-        None, description="The optical axis meets this row, in pixels; without a value the middle one."
-    )
-
-    def rig(self) -> StereoRig:
-        return StereoRig(
-            baseline=self.baseline_m,
-            focal=self.focal_px,
-            width=self.width_px,
-            height=self.height_px,
-            camera_height=self.camera_height_m,
-            forward=self.forward_m,
-            pitch=math.radians(self.pitch_deg),
-            cx=self.cx_px,
-            cy=self.cy_px,
-        )
-
-
-class LimitsTable(Strict):
-    """`[limits]`: limits of the safety layer; see `ndtorch_robot.safety.SafetyLimits`."""
-
-    speed_m_per_s: float = Field(0.6, gt=0, le=5, description="A command of a higher speed is a fault, in m/s.")
-    curvature_per_m: float = Field(2.2, gt=0, le=10, description="A command of a tighter curve is a fault, in 1/m.")
-    acceleration_m_per_s2: float = Field(2.0, gt=0, description="The speed increases no faster than this, in m/s^2.")
-    steering_per_m_per_s: float = Field(
-        40.0, gt=0, description="The curvature changes no faster than this, in 1/m a second."
-    )
-    step_s: float = Field(0.1, gt=0, le=0.12, description="A longer time between two commands is a fault, in s.")
-    frame_age_s: float = Field(0.1, gt=0, le=0.2, description="Frames older than this are a fault, in s.")
-    recovery_s: float = Field(
-        1.0,
-        gt=0,
-        le=60,
-        description="After a passing fault the car drives on once all has been well for this time, in s.",
-    )
-
-    def limits(self) -> SafetyLimits:
-        return SafetyLimits(
-            self.speed_m_per_s,
-            self.curvature_per_m,
-            self.acceleration_m_per_s2,
-            self.steering_per_m_per_s,
-            self.step_s,
-            self.frame_age_s,
-            self.recovery_s,
-        )
 
 
 class CameraMonitorTable(CameraLimits):
@@ -131,13 +68,12 @@ class SimulationTable(Strict):
     )
 
 
-class RunConfig(Strict):
-    """The file of a car for `ndtorch run`."""
+class RunConfig(RobotTable):
+    """The file of a robot for `ndtorch run`; `--robot` of other commands reads what describes the robot."""
 
     renamed: ClassVar[Mapping[str, str]] = {"sight": "camera_monitor"}
 
     robot: str = Field(min_length=1, max_length=8, description="The board must have this name.")
-    rate_hz: float = Field(30.0, gt=0, le=200, description="The loop takes this number of steps a second, in Hz.")
     link: Mapping[str, str | int | float | bool] = Field(
         default_factory=dict,
         description="The drive link is of this `kind` (serial by default, hosted-board in a simulated world), with the "
@@ -146,8 +82,6 @@ class RunConfig(Strict):
     bridges: Mapping[str, Mapping[str, str | int | float | bool]] = Field(
         default_factory=dict, description="Bridges of these kinds run beside the loop, each with the keys of its kind."
     )
-    rig: RigTable = RigTable()
-    limits: LimitsTable = LimitsTable()
     camera_monitor: CameraMonitorTable = CameraMonitorTable()
     navigation: NavigationTable = NavigationTable()
     cameras: dict[str, str | int | float] | None = None

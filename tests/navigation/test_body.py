@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Body, Command, Navigator, StereoRig
-from ndtorch.navigation.body import match_params, rig_in_units, search_params
+from ndtorch.navigation import CRUISE, Body, Command, Navigator, Pose, StereoRig
+from ndtorch.navigation.body import SPOT_RADIUS, match_params, rig_in_units, search_params
+from ndtorch.navigation.controllers.ranging import RangingControl, RangingParams
+from ndtorch.navigation.proximity import Obstacles
 from ndtorch.navigation.stereo.correspondence import MatchParams
+from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.search import SearchParams
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.sim.plan import Plan, ring
@@ -58,12 +62,47 @@ def test_what_the_usual_body_has_is_what_there_is_without_one() -> None:
     assert Navigator(RIG, 1 / 30, body=Body()).controller.params == Navigator(RIG, 1 / 30).controller.params
 
 
+def test_speed_is_what_stops_in_the_length_in_which_the_usual_body_does() -> None:
+    """Reaction and braking: v t + v^2 / 2 a, a tenth of a unit."""
+    assert Body().cruise_m_per_s == pytest.approx(0.5)
+    for body in (Body(), Body(max_acceleration_m_per_s2=0.5), Body(0.25, 0.18, 0.225, 1.0, 0.3, 0.3)):
+        v = body.cruise_m_per_s
+        way = v * body.reaction_s + v**2 / (2 * body.max_acceleration_m_per_s2)
+        assert way == pytest.approx(0.1 * body.unit_m)
+        rig = rig_in_units(RIG, 1 / body.unit_m)
+        params = Navigator(rig, 1 / 30, body=body).controller.params
+        assert params.speed_m_per_s * body.unit_m == pytest.approx(v)
+    assert Body(max_speed_m_per_s=0.2).cruise_m_per_s == 0.2
+
+
+def test_a_differential_drive_turns_on_the_spot_where_others_back() -> None:
+    """Walls ahead and on both sides: the car that knows its floor backs, and the one that can turns."""
+    pose, wall = Pose(0.0, 0.0, 0.0), np.linspace(-0.8, 0.8, 40, dtype=np.float32)
+    speeds = []
+    for radius in (0.45, 0.0):
+        control = RangingControl(RIG, 1 / 30, RangingParams(body=Body(min_turn_radius_m=radius)))
+        state = control.start(None, pose)
+        floor = state.floor._replace(level=np.ones_like(state.floor.level), age=1000)
+        state = state._replace(floor=floor, mode=CRUISE)
+        blocked = Obstacles(np.full_like(wall, 0.45), wall)
+        state = control.on_near_obstacles(state, pose, blocked, blocked, True)
+        cells = np.zeros((4, control.params.floor.bands, control.params.floor.blocks), np.float32)
+        nothing = Ranges(*[np.zeros(1, np.float32)] * 5, np.zeros(1, bool))
+        command, state = control.step(cells, nothing, pose, Command(0.0, 0.0), state)
+        speeds.append((command.speed, abs(command.curvature)))
+    assert speeds[0][0] < 0
+    assert speeds[1] == (pytest.approx(0.8 * SPOT_RADIUS), pytest.approx(1 / SPOT_RADIUS))
+
+
 def test_a_small_robot_and_one_whose_cameras_see_too_little_floor() -> None:
     robot = Body(0.12, 0.1, 0.0)
     rig = StereoRig(0.06, 215.0, 320, 240, camera_height=0.06)
     navigator = Navigator(rig, 1 / 30, body=robot)
     assert navigator.ranging.matching.max_disparity_px == pytest.approx(200 * 0.06 * 215 / 129 / robot.unit_m)
-    with pytest.raises(InputError, match=r"do not fit.*mount the cameras at most"):
+    with pytest.raises(
+        InputError,
+        match=r"floor from 0.18 m ahead .* mount the cameras at most 0.10 m high, or pitch the cameras 41 degrees down",
+    ):
         Navigator(replace(rig, camera_height=0.5), 1 / 30, body=robot)
     with pytest.raises(InputError, match="body belongs to a controller that is named"):
         Navigator(rig, 1 / 30, controller=navigator.controller, body=robot)

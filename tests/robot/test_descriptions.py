@@ -16,7 +16,8 @@ from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.cameras import CameraSettings
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.navigator_options import declared
-from ndtorch_robot.run_config import LimitsTable, NavigationTable, RigTable, RunConfig, SimulationTable
+from ndtorch_robot.robot_config import BodyTable, LimitsTable, RigTable, RobotTable
+from ndtorch_robot.run_config import NavigationTable, RunConfig, SimulationTable
 
 COMMANDS = [point for point in entry_points(group=GROUP) if point.value.startswith("ndtorch_robot.")]
 OPTIONS = {option.name for option in declared()}
@@ -48,7 +49,10 @@ def test_options_of_the_navigator() -> None:
 
 @pytest.mark.parametrize(
     "table",
-    [CameraLimits, CameraSettings, DriveConfig, LimitsTable, NavigationTable, RigTable, RunConfig, SimulationTable],
+    [
+        *(BodyTable, LimitsTable, RigTable, RobotTable),
+        *(CameraLimits, CameraSettings, DriveConfig, NavigationTable, RunConfig, SimulationTable),
+    ],
 )
 def test_keys_of_files(table: type[BaseModel]) -> None:
     def is_table(kind: object) -> bool:

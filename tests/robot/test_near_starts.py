@@ -9,7 +9,8 @@ from ndtorch.navigation import STOPPED, Navigator, StereoRig
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
-from ndtorch_robot.drive import DRAWN, LIMITS
+from ndtorch_robot.config import LIMITS
+from ndtorch_robot.drive import DRAWN
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.safety import SafeDrive

@@ -10,11 +10,15 @@ from torch import nn
 from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body, rig_in_units
 from ndtorch.navigation.controllers.contract import Command, Controller, SensingRequest, Trace
+from ndtorch.navigation.controllers.ranging.floor_view import FloorParams
 from ndtorch.navigation.controllers.registry import controller_class
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
+
+NO_FLOOR = FloorParams(near_m=1.0, far_m=1.5)
+"""What `StereoRig.subfields` shows, for controllers without parameters of the floor."""
 
 
 def controller_for_body(
@@ -29,17 +33,30 @@ def controller_for_body(
     kind, unit = controller_class(name, backend), body.unit_m
     params = kind.Params() if params is None else params
     names = {field.name for field in fields(params)}
+    params = slower(params, body.speed_ratio)
     if "body" in names:
         params = replace(params, body=body.in_units())
     if "reactive" in names:
-        params = replace(params, reactive=replace(params.reactive, body=body.in_units()))
+        reactive = slower(params.reactive, body.speed_ratio)
+        params = replace(params, reactive=replace(reactive, body=body.in_units()))
     if "goal" in names and params.goal is not None:
         params = replace(params, goal=(params.goal[0] / unit, params.goal[1] / unit))
     try:
         inner = kind(rig_in_units(rig, unit), dt, params)
     except InputError as error:
-        raise InputError(f"{error} (1 m of these is {unit:.3g} m for this body)" if unit != 1 else str(error)) from None
+        near = unit * getattr(getattr(params, "reactive", params), "floor", NO_FLOOR).near_m
+        why = f"{error} (1 m of these is {unit:.3g} m for this body)" if unit != 1 else str(error)
+        if unit != 1 and rig.floor_hint(near):
+            why = f"the controller {name!r} of a body of this size needs floor from {near:.2f} m ahead on"
+            why = f"{why}{rig.floor_hint(near)}; StereoRanging needs none"
+        raise InputError(why) from None
     return inner if unit == 1 else ScaledController(inner, unit)
+
+
+def slower(params: Any, ratio: float) -> Any:
+    """Parameters with all their speeds times a ratio."""
+    speeds = {field.name: getattr(params, field.name) for field in fields(params) if field.name.endswith("m_per_s")}
+    return replace(params, **{name: speed * ratio for name, speed in speeds.items()}) if ratio < 1 else params
 
 
 class ScaledController(Controller):

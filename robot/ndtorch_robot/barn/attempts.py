@@ -26,8 +26,9 @@ from ndtorch_robot.config import RATE
 from ndtorch_robot.evaluation.drives import ResultCache
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
+from ndtorch_robot.robot_config import RobotTable
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
-from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.sim.simulation import BODY, RIG, Simulation
 
 LIMITS = SafetyLimits(speed=1.0, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car; the simulated one has limits of its own for how fast speed and steering may change."""
@@ -67,6 +68,7 @@ class Entry:
     world: World
     options: NavigatorOptions
     seed: int = 0
+    robot: RobotTable | None = None
 
 
 class Referee:
@@ -98,11 +100,15 @@ def attempt(entry: Entry) -> Attempt:
     x, y = world.goal
     has_goals = controller_class(entry.options.controller).has_goals
     options = replace(entry.options, goal=f"{x},{y}") if has_goals else entry.options
-    runner = NavigatorRunner(options, RIG, RATE)
-    simulation = Simulation(world.plan(), entry.seed, fields=runner.fields)
+    robot = entry.robot
+    rig, body = (RIG, BODY) if robot is None else (robot.stereo_rig(), robot.body.body())
+    rate, limits = (RATE, LIMITS) if robot is None else (robot.rate_hz, robot.simulated_limits(body.max_speed_m_per_s))
+    runner = NavigatorRunner(options, rig, rate, body=body)
+    simulation = Simulation(world.plan(), entry.seed, rig=rig, fields=runner.fields, rate=rate, body=body)
     try:
-        frame_check = FrameCheck(simulation.rig, RATE, LIMITS.age, PATIENCE, joint_freeze=False, floor=runner.fields)
-        car = Car(runner, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check))
+        age, floor = limits.age, runner.fields
+        frame_check = FrameCheck(rig, rate, age, PATIENCE, joint_freeze=False, floor=floor, unit=body.unit_m)
+        car = Car(runner, simulation, SafeDrive(simulation, simulation, limits, frame_check))
         referee = Referee(world, simulation, car)
         car.observers.append(referee)
         runner.warm_up()
@@ -130,7 +136,8 @@ class AttemptCache(ResultCache[Entry]):
     """Finished attempts, so that a run can go on where it was stopped."""
 
     def name(self, job: Entry) -> str:
-        text = json.dumps([dataclasses.asdict(job), self.code], sort_keys=True)
+        robot = None if job.robot is None else job.robot.model_dump()
+        text = json.dumps([dataclasses.asdict(replace(job, robot=None)), robot, self.code], sort_keys=True)
         return f"{job.world.number:04d}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
     def attempt(self, entry: Entry) -> Attempt | None:

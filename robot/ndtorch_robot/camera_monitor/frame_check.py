@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ndtorch.navigation import StereoRig
+from ndtorch.navigation.body import rig_in_units
 from ndtorch.navigation.stereo.rig import Rect
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.camera_monitor.monitor import CameraMonitor
@@ -26,6 +27,7 @@ class FrameCheck:
             noise and may stay equal to the bit before a blank wall.
         limits: see `CameraLimits`.
         floor: rectangles of both images that see the floor; see `CameraMonitor`.
+        unit: of the body, m: all lengths of the monitor are those of the car of [A].
     """
 
     SLOW = 1.6
@@ -40,9 +42,10 @@ class FrameCheck:
         joint_freeze: bool = True,
         limits: CameraLimits | None = None,
         floor: tuple[Rect, Rect] | None = None,
+        unit: float = 1.0,
     ) -> None:
-        self.rate, self.max_age = rate, max_age
-        self.monitor = CameraMonitor(rig, patience, joint_freeze, rate, limits, floor)
+        self.rate, self.max_age, self.unit = rate, max_age, unit
+        self.monitor = CameraMonitor(rig_in_units(rig, unit), patience, joint_freeze, rate, limits, floor)
         self.time = -math.inf
         self.late = 0
 
@@ -64,7 +67,7 @@ class FrameCheck:
         gap, self.time = frames.time - self.time, frames.time
         self.late = self.late + 1 if self.SLOW / self.rate < gap < math.inf else 0
         try:
-            self.monitor.check(frames, speed, curvature, commanded)
+            self.monitor.check(frames, speed / self.unit, curvature * self.unit, commanded / self.unit)
         except CameraError as error:
             return Fault(error.kind, str(error))
         if self.late < 2:

@@ -68,7 +68,7 @@ class StereoConsistency:
 
     def __init__(self, rig: StereoRig, rects: tuple[Rect, Rect]) -> None:
         self.rig, self.rects = rig, rects
-        horizon = (rig.height - 1) / 2 - rig.focal * math.tan(rig.pitch)
+        horizon = rig.center[1] - rig.focal * math.tan(rig.pitch)
         near = rig.focal * rig.camera_height / max(1.0, rects[0].bottom - 1 - horizon)
         self.params = ProximityParams(
             min_floor_correlation=SEEN,

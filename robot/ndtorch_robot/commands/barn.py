@@ -45,6 +45,8 @@ class Barn:
     """The controller of this name steers; only `goal` knows where the goal is."""
     stereo: Literal["search", "features"] = "search"
     """Ranges are found as with `ndtorch drive`; feature matching finds little between many similar posts."""
+    robot: Path | None = None
+    """The robot of this file drives, one for `ndtorch run` (default: the car of [A])."""
     speed: float = 0.6
     """The car drives at this speed where nothing is in its path, m/s."""
     seed: int = 0
@@ -101,10 +103,15 @@ class Barn:
 
     def entry(self, world: World) -> Entry:
         from ndtorch.navigation.options import OPTION_NAMES, options_of
+        from ndtorch.utils.toml import read_toml
         from ndtorch_robot.barn.attempts import Entry
+        from ndtorch_robot.robot_config import RobotTable
+        from ndtorch_robot.run_config import RunConfig
 
         given = {k: v for k, v in asdict(self).items() if k in OPTION_NAMES and v is not None and v is not False}
-        return Entry(world, options_of(given), self.seed)
+        found = None if self.robot is None else read_toml(self.robot, RunConfig)
+        robot = None if found is None else RobotTable(**found.model_dump(include=set(RobotTable.model_fields)))
+        return Entry(world, options_of(given), self.seed, robot)
 
     def write(self, worlds: Sequence[World], made: Sequence[Attempt], out: Path) -> str:
         from ndtorch.report.plots.layout import save

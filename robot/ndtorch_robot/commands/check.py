@@ -65,7 +65,7 @@ class Check:
         clock: Clock = drive.cameras_and_clock()[1] if isinstance(drive, MovesWorld) else MonotonicClock()
         try:
             found["link"] = self.link(drive, clock)
-            safe = SafeDrive(drive, clock, config.limits.limits(), report=timed_report())
+            safe = SafeDrive(drive, clock, config.safety_limits(), report=timed_report())
             self.say("3. Directions")
             if not self.ask("Are all wheels off the ground?"):
                 print("put the car on a block first", file=sys.stderr)
@@ -151,14 +151,18 @@ class Check:
         return abs(rate / config.rate_hz - 1) < 0.1, floor
 
     def floor(self, read: Callable[[], StereoFrames], rig: StereoRig, config: RunConfig) -> bool:
+        from ndtorch.navigation.body import rig_in_units
         from ndtorch.navigation.controllers.registry import controller_class
         from ndtorch_robot.camera_monitor.floor_check import measure_floor
 
         if not controller_class(config.navigation.controller).checks_near:
             self.say(f"   the controller {config.navigation.controller} does not ask for the floor")
             return True
-        speed = min(config.navigation.speed, config.limits.speed_m_per_s)
-        found = measure_floor(read, rig, config.rate_hz, speed)
+        body = config.body.body()
+        unit = body.unit_m
+        speed = min(config.navigation.speed * body.speed_ratio, config.safety_limits().speed / unit)
+        found = measure_floor(read, rig_in_units(rig, unit), config.rate_hz, speed)
+        found = found._replace(near=None if found.near is None else unit * found.near)
         for line in found.words():
             self.say(f"   {line}")
         return found.good

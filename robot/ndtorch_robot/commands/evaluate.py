@@ -41,6 +41,8 @@ class Evaluate:
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
     """The options that all drives share may be keys of this TOML file, as for `drive`."""
+    robot: Path | None = None
+    """The robot of this file drives, as with `drive`."""
     arenas: tuple[str, ...] = ()
     """The car drives in these arenas: names, .toml files, or the groups buildings (default), tests and all."""
     seeds: tuple[int, ...] = SEEDS
@@ -109,7 +111,7 @@ class Evaluate:
         given = {
             name: value
             for name, value in asdict(self).items()
-            if (name in OPTION_NAMES or name == "pedestrian") and value is not False
+            if (name in OPTION_NAMES or name in ("pedestrian", "robot")) and value is not False
         }
         base = load_config(self.config, {"seconds": self.seconds, "seed": self.seeds[0], **given})
         if "seconds" not in base.model_fields_set:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.navigation import Grid, StereoRig
+from ndtorch.navigation.stereo.correspondence import MatchParams
 from ndtorch_robot.sim.plan import Floats, Plan, Point, Ring, away, crossing
 from ndtorch_robot.sim.procedural_textures import ALONG
 from ndtorch_robot.sim.simulation import Collision
@@ -29,6 +30,9 @@ REACH = 3
 
 CAMERA_HEIGHT = 0.2
 """Height of the cameras, m; what does not reach there is not ranged."""
+
+WINDOW = MatchParams()
+"""Disparities that the rig of [A] ranges."""
 
 CONTRAST = 0.08
 """Smallest jump of brightness that is an edge: ND-min answers it with 0.01, the weakest that is a feature."""
@@ -133,7 +137,9 @@ def surfaces_of(plan: Plan, height: float = CAMERA_HEIGHT) -> Floats:
     return np.concatenate([np.zeros((0, 2, 2)), *sides])
 
 
-def visible(plan: Plan, edges: Edges, poses: Floats, rig: StereoRig, times: int = 5) -> npt.NDArray[np.bool_]:
+def visible(
+    plan: Plan, edges: Edges, poses: Floats, rig: StereoRig, times: int = 5, window: MatchParams = WINDOW
+) -> npt.NDArray[np.bool_]:
     """Which edges could be ranged from at least `times` of the poses `[T, 3]`: inside both images, within the
     window of disparities, nothing in front, and not the faint corner of two walls that are both seen.
     """
@@ -147,7 +153,12 @@ def visible(plan: Plan, edges: Edges, poses: Floats, rig: StereoRig, times: int 
         outer = rig.focal * (np.abs(aside) + rig.baseline / 2) / depth
         camera = np.array([x + rig.forward * math.cos(heading), y + rig.forward * math.sin(heading)])
         seen = ((edges.normals * (camera - edges.places)[:, None]).sum(-1) > 0).all(1)
-        good = (disparity > 60) & (disparity < 200) & (outer < rig.width / 2 - 1) & ~(edges.faint & seen)
+        good = (
+            (disparity > window.min_disparity_px)
+            & (disparity < window.max_disparity_px)
+            & (outer < rig.width / 2 - 1)
+            & ~(edges.faint & seen)
+        )
         near = np.flatnonzero(good)
         if len(near):
             count[near[plan.sees(camera, edges.places[near])]] += 1
@@ -171,23 +182,30 @@ def peaks(cells: torch.Tensor, grid: Grid) -> Floats:
 
 
 def score_map(
-    cells: torch.Tensor, grid: Grid, plan: Plan, profiles: list[Floats], poses: Floats, rig: StereoRig
+    cells: torch.Tensor,
+    grid: Grid,
+    plan: Plan,
+    profiles: list[Floats],
+    poses: Floats,
+    rig: StereoRig,
+    window: MatchParams = WINDOW,
 ) -> MapScore:
     """Compare a map with the truth.
 
     Args:
         cells: `[rows, columns]`.
         poses: true poses `[T, 3]`, some of each second.
+        window: disparities that are ranged.
     """
-    edges = true_edges(plan, profiles)
+    edges = true_edges(plan, profiles, rig.camera_height)
     if float(cells.max()) <= 0:
         return MapScore(None, None, None, None, None)
     row, column = torch.nonzero(cells, as_tuple=True)
     mass = cells[row, column].double().numpy()
     places = torch.stack(grid.center(row, column), -1).double().numpy()
     precision = float(mass[nearest(places, edges.places) <= NEAR].sum() / mass.sum())
-    surfaces = float(mass[away(places, surfaces_of(plan)) <= NEAR].sum() / mass.sum())
-    seen = edges.places[visible(plan, edges, poses, rig)]
+    surfaces = float(mass[away(places, surfaces_of(plan, rig.camera_height)) <= NEAR].sum() / mass.sum())
+    seen = edges.places[visible(plan, edges, poses, rig, window=window)]
     tops = peaks(cells, grid)
     if not len(seen) or not len(tops):
         return MapScore(precision, None, None, None, surfaces)

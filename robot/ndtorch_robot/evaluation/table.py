@@ -16,6 +16,7 @@ class Row(NamedTuple):
 
     Attributes:
         hours, collisions_h, stops_h, distance_m: of all drives together.
+        hits_1000: collisions in a thousand lengths of the body that were driven, of all drives together.
         passed, passed_close: share of the free area passed within 1 m and 0.4 m, mean over the drives.
         places_hit: where there was a collision, of all drives together.
         people: people hit from ahead, and times the car was hit while stationary, of all drives together.
@@ -35,6 +36,7 @@ class Row(NamedTuple):
     collisions_h: float
     stops_h: float
     distance_m: float
+    hits_1000: float | None
     passed: float
     passed_close: float | None
     places_hit: int
@@ -73,6 +75,7 @@ COLUMNS: dict[str, Column] = {
     "people hit / hit standing": Column(lambda r: "{} / {}".format(*r.people) if any(r.people) else "", optional=True),
     "stops/h": Column(lambda r: text(r.stops_h, 1)),
     "m driven": Column(lambda r: text(r.distance_m, 0)),
+    "collisions/1000 body lengths": Column(lambda r: text(r.hits_1000, 2), optional=True),
     "passed within 1 m %": Column(lambda r: text(r.passed, 0, 100)),
     "passed within 0.4 m %": Column(lambda r: text(r.passed_close, 0, 100)),
     "gates passed": Column(lambda r: "{} of {}".format(*r.gates) if r.gates[1] else "", optional=True),
@@ -111,6 +114,7 @@ def row_of(key: tuple[str, str, str, str], drives: list[Summary]) -> Row:
         return sum(values) / len(values) if values else None
 
     gates = [d["gates"] for d in drives if "gates" in d]
+    lengths = sum(d.get("body_lengths", 0.0) for d in drives)
     return Row(
         *key,
         drives,
@@ -118,6 +122,7 @@ def row_of(key: tuple[str, str, str, str], drives: list[Summary]) -> Row:
         total("collisions") / hours,
         total("stopped") / hours,
         total("distance_m"),
+        1000 * total("collisions") / lengths if lengths else None,
         total("free_area_passed") / len(drives),
         total("free_area_passed_40cm") / len(drives) if all("free_area_passed_40cm" in d for d in drives) else None,
         round(total("collision_places")),

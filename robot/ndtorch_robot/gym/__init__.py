@@ -26,6 +26,10 @@ ENVIRONMENTS = {"".join(word.capitalize() for word in arena.split("-")): arena f
 """Arenas by the names of their environments; `ndtorch/Drive-v0` takes any `arena`, and those of a `.toml` file too."""
 
 
+EPISODE_STEPS = 1800
+"""Steps of an episode at most, a minute of 30 frames a second; `max_episode_steps` of `gymnasium.make` changes it."""
+
+
 def register() -> None:
     """Make all environments known to Gymnasium; those that are known already stay as they are."""
     from gymnasium.envs import registration
@@ -33,4 +37,5 @@ def register() -> None:
     wanted = {f"ndtorch/{name}-v0": {"arena": arena} for name, arena in ENVIRONMENTS.items()}
     for name, given in (wanted | {"ndtorch/Drive-v0": {}}).items():
         if name not in registration.registry:
-            registration.register(name, entry_point="ndtorch_robot.gym.environment:DriveEnv", kwargs=given)
+            entry = "ndtorch_robot.gym.environment:DriveEnv"
+            registration.register(name, entry_point=entry, max_episode_steps=EPISODE_STEPS, kwargs=given)

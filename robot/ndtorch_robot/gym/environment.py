@@ -24,26 +24,30 @@ from ndtorch_robot.sim.procedural_textures import Walls
 from ndtorch_robot.sim.simulation import RIG, Simulation
 
 Pixels = npt.NDArray[np.uint8]
-Observation = dict[str, Pixels]
+Observation = dict[str, npt.NDArray[Any]]
 Action = npt.NDArray[np.float32]
 
-PARTS = ("left_field", "right_field", "left_row", "right_row")
-"""Parts of an observation of strips."""
+CONTACT = 10.0
+"""What touching something costs: as much as 10 m of new ground bring."""
 
-COLLISION = 5.0
-"""What a collision costs: as much as 5 m of driving bring."""
+CELL, PASS = 0.5, 3.0
+"""New ground is counted in cells of this side, m, and each for so many seconds from when it was first entered."""
 
 
 class DriveEnv(gymnasium.Env[Observation, Action]):
     """The simulated car in a building, through the same cameras, car and safety layer as `ndtorch drive`.
 
-    - **Observation**: a dictionary of uint8 images, red, green, blue, channels first. `"strips"` are what navigation
-      reads, the patch of floor and the horizon row of each camera: `left_field`, `right_field` `[3, h, w]`, `left_row`,
-      `right_row` `[3, 1, 640]`. `"frames"` are `left` and `right` `[3, 480, 640]`, ten times as slow.
+    - **Observation**: a dictionary. `"strips"` are what navigation reads, the left camera first: `fields`, the patches
+      of floor as one image of six channels, uint8 `[6, h, w]`, and `rows`, the six channels of both horizon rows one
+      after the other, float32 in 0..1 `[6 * 640]`. `"frames"` are the images `left` and `right`, uint8
+      `[3, 480, 640]`, ten times as slow. So networks for images take the images, channels first, and those for vectors
+      the rows.
     - **Action**: speed, m/s, backward where negative, and curvature, 1/m, positive to the left: what is asked for, from
       one frame to the next (30 a second). The car follows as fast as it can.
-    - **Reward**: meters really driven since the last step, negative backward, less 5 for a collision.
-    - **End**: a collision terminates; after `seconds` the episode is truncated.
+    - **Reward**: metres really driven since the last step, less 10 for touching anything. Metres forward count on new
+      ground alone, in cells of half a metre for three seconds from when each was first entered, so that circles bring
+      nothing; metres backward count negative.
+    - **End**: touching anything terminates; what is registered is truncated after `max_episode_steps`, a minute.
     - **Info**: `pose` (true x, y, m, and heading, radians), `driven` (speed and curvature that the wheels say),
       `time` (s) and `collisions`.
 
@@ -56,7 +60,6 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         arena: a name that `ndtorch arenas` lists, or a `.toml` file.
         observation: `"strips"` or `"frames"`.
         controller: whose patch of floor is seen.
-        seconds: of an episode.
         building: number of the only building, or None.
         walls: as of `Simulation`.
         moving: with a pedestrian.
@@ -74,7 +77,6 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         arena: str = "hallway",
         observation: str = "strips",
         controller: str = "ranging",
-        seconds: float = 60.0,
         building: int | None = None,
         walls: Walls = "textured",
         moving: bool = False,
@@ -85,23 +87,21 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             raise InputError(f"observation must be 'strips' or 'frames', got {observation!r}")
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
-        if not 0 < seconds < math.inf:
-            raise InputError(f"seconds must be a positive number, got {seconds}")
         load_arena(arena, building or 0)
         self.building, self.disturbances = building, read_disturbances(disturbance)
         self.rate = self.disturbances.car().fps or RATE
         self.metadata = {**self.metadata, "render_fps": self.rate}
-        self.arena, self.walls, self.moving, self.seconds = arena, walls, moving, seconds
+        self.arena, self.walls, self.moving = arena, walls, moving
         self.strips, self.render_mode = observation == "strips", render_mode
         self.fields = NavigatorOptions(controller=controller).fields(RIG)
-        sizes = [(rect.bottom - rect.top, rect.right - rect.left) for rect in self.fields] + [(1, RIG.width)] * 2
-        if not self.strips:
-            sizes = [(RIG.height, RIG.width)] * 2
-        names = PARTS if self.strips else ("left", "right")
-        images: dict[str, spaces.Space[Any]] = {
-            name: spaces.Box(0, 255, (3, *size), np.uint8) for name, size in zip(names, sizes, strict=True)
+        field = self.fields[0]
+        spaces_of: dict[str, spaces.Space[Any]] = {
+            "fields": spaces.Box(0, 255, (6, field.bottom - field.top, field.right - field.left), np.uint8),
+            "rows": spaces.Box(0, 1, (6 * RIG.width,), np.float32),
         }
-        self.observation_space: Any = spaces.Dict(images)
+        if not self.strips:
+            spaces_of = {eye: spaces.Box(0, 255, (3, RIG.height, RIG.width), np.uint8) for eye in ("left", "right")}
+        self.observation_space: Any = spaces.Dict(spaces_of)
         limits = CarLimits()
         most = np.array([limits.speed, limits.curvature], np.float32)
         self.action_space = spaces.Box(-most, most, dtype=np.float32)
@@ -109,6 +109,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         self.built: int | None = None
         self.safe: SafeDrive | None = None
         self.frames: StereoFrames | None = None
+        self.entered: dict[tuple[int, int], float] = {}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -121,7 +122,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             self.simulation, self.built = self.build(building), building
         self.simulation.begin(drawn)
         self.safe = SafeDrive(self.simulation, self.simulation)
-        self.frames = self.simulation.read()
+        self.frames, self.entered = self.simulation.read(), {}
         return self.seen(self.frames), self.info(self.simulation, self.simulation.driven())
 
     def build(self, building: int) -> Simulation:
@@ -147,10 +148,16 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         self.frames = simulation.read()
         hit = len(simulation.collisions) > hits
         # The car's own length, not what its odometer says of it.
-        reward = simulation.car.length - COLLISION * hit
+        length = simulation.car.length
+        reward = (length if length < 0 or self.on_new_ground(simulation) else 0.0) - CONTACT * hit
         driven = simulation.driven()
-        over = simulation.now() >= self.seconds - 1e-6
-        return self.seen(self.frames), reward, hit, over, self.info(simulation, driven)
+        return self.seen(self.frames), reward, hit, False, self.info(simulation, driven)
+
+    def on_new_ground(self, simulation: Simulation) -> bool:
+        """Whether the cell of ground under the car was first entered a moment ago."""
+        x, y, _ = simulation.pose
+        now, cell = simulation.now(), (math.floor(x / CELL), math.floor(y / CELL))
+        return now - self.entered.setdefault(cell, now) <= PASS
 
     def seen(self, frames: StereoFrames) -> Observation:
         both = (frames.left, frames.right)
@@ -160,8 +167,8 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             frame if isinstance(frame, Strips) else cut_strips(frame, field, RIG)
             for frame, field in zip(both, self.fields, strict=True)
         ]
-        parts = (*(strips.field for strips in cut), *(strips.row for strips in cut))
-        return {name: pixels(part) for name, part in zip(PARTS, parts, strict=True)}
+        rows = np.concatenate([pixels(strips.row).ravel() for strips in cut]) / np.float32(255)
+        return {"fields": np.concatenate([pixels(strips.field) for strips in cut]), "rows": rows}
 
     def info(self, simulation: Simulation, driven: DriveCommand) -> dict[str, Any]:
         """The truth, which a policy may not use."""
@@ -190,5 +197,7 @@ def pixels(frames: Any) -> Pixels:
 
 def strips_of(observation: Observation) -> tuple[Strips, Strips]:
     """An observation of strips as `Navigator` takes it, of the left and of the right camera."""
-    parts = {name: torch.from_numpy(observation[name])[None] for name in PARTS}
-    return Strips(parts["left_field"], parts["left_row"]), Strips(parts["right_field"], parts["right_row"])
+    fields = torch.from_numpy(observation["fields"])
+    rows = torch.from_numpy(np.rint(255 * observation["rows"]).astype(np.uint8).reshape(6, -1))
+    left, right = (Strips(fields[None, eye], rows[None, eye, None]) for eye in (slice(0, 3), slice(3, 6)))
+    return left, right

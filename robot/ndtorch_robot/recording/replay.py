@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid, StereoRig
+from ndtorch.navigation import Body, Grid, StereoRig
 from ndtorch.navigation.options import options_of
 from ndtorch_robot.car import Car
 from ndtorch_robot.faults import FaultKind
@@ -33,7 +33,8 @@ def make_runner(configuration: dict[str, Any], mapping: bool = False) -> Navigat
         options, rig = options_of(configuration), StereoRig(**configuration["rig"])
         sides = configuration["map_m"] or (-MAP_HALF, MAP_HALF, -MAP_HALF, MAP_HALF)
         grid = Grid(*map(float, sides)) if mapping else None
-        return NavigatorRunner(options, rig, float(configuration["rate_hz"]), grid, bool(configuration["near_check"]))
+        rate, near, body = configuration["rate_hz"], configuration["near_check"], Body(**configuration["body"])
+        return NavigatorRunner(options, rig, float(rate), grid, bool(near), body)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise

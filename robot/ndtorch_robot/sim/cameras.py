@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import Rect, StereoRig, Strips
 from ndtorch.navigation.stereo.strips import row_rect
 from ndtorch_robot.sim.disturbances.registry import CameraErrors
@@ -46,13 +45,13 @@ class Cameras:
 
     Args:
         model: the world.
-        rig: the camera pair; its pitch must be 0.
+        rig: the camera pair.
         fields: the subfields of both images; `rig.subfields()` by default.
         full_frames: render whole frames instead of strips.
         errors: how the real cameras differ from `rig`.
 
     Raises:
-        InputError: a world that needs OpenGL where that does not work, or a rig with a pitch.
+        InputError: a world that needs OpenGL where that does not work.
     """
 
     def __init__(
@@ -63,8 +62,6 @@ class Cameras:
         full_frames: bool = False,
         errors: CameraErrors | None = None,
     ) -> None:
-        if rig.pitch != 0:
-            raise InputError(f"the simulated cameras look straight ahead, got pitch={rig.pitch}")
         self.rig, self.full_frames, self.errors = rig, full_frames, errors or CameraErrors()
         self.fields = fields or rig.subfields()
         self.row = row_rect(rig)
@@ -117,16 +114,16 @@ class Cameras:
         ahead, rig = self.rig.forward, self.rig
         aside = (0.5 - side) * rig.baseline * (1 + self.errors.baseline)
         position = (x + ahead * cos - aside * sin, y + ahead * sin + aside * cos, rig.camera_height)
-        return View(position, *axes(heading, side, self.errors))
+        return View(position, *axes(heading, side, self.errors, rig.pitch))
 
     def close(self) -> None:
         self.renderer.close()
 
 
-def axes(heading: float, side: int, errors: CameraErrors) -> tuple[Vector, Vector]:
+def axes(heading: float, side: int, errors: CameraErrors, pitch: float = 0.0) -> tuple[Vector, Vector]:
     """The optical and the upward axis of a camera: 0 the left one, 1 the right one."""
     yaw = heading + (errors.yaw + side * errors.right_yaw)
-    pitch, roll = errors.pitch, errors.roll
+    pitch, roll = pitch + errors.pitch, errors.roll
     ahead, left = (math.cos(yaw), math.sin(yaw), 0.0), (-math.sin(yaw), math.cos(yaw), 0.0)
     forward = (math.cos(pitch) * ahead[0], math.cos(pitch) * ahead[1], -math.sin(pitch))
     upward = (math.sin(pitch) * ahead[0], math.sin(pitch) * ahead[1], math.cos(pitch))

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
+from ndtorch.navigation import Body
 from ndtorch_robot.ports import DriveCommand
 
 
 @dataclass(frozen=True)
 class CarLimits:
-    """What the car can do. [A] gives the speed and the radius; the rates are those of model-car servos.
+    """What the car can do. [A] gives speed and radius; the steering is that of model-car servos, from lock to lock.
 
     Args:
         speed: fastest, m/s, forward and backward.
@@ -28,6 +29,15 @@ class CarLimits:
     curvature: float = 2.2
     acceleration: float = 2.5
     steering: float = 8.0
+
+    @classmethod
+    def of(cls, body: Body) -> CarLimits:
+        """Of a robot with this body, which steers from lock to lock in the time of the car of [A]."""
+        if body == Body():
+            return cls()
+        tightest = body.max_curvature_per_m
+        steering = tightest * cls.steering / cls.curvature
+        return cls(body.max_speed_m_per_s, tightest, body.max_acceleration_m_per_s2, steering)
 
     def __post_init__(self) -> None:
         check_numbers(self)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ndtorch.navigation import Body, StereoRig
 from ndtorch_robot.sim.plan import Floats, Plan
 from ndtorch_robot.sim.procedural_textures import (
     AtlasRect,
@@ -33,9 +34,8 @@ SKIRTING = (0.006, 0.08)
 PEDESTRIAN_SIZE = (0.18, 0.25, 0.9)
 """Half the sides of the pedestrian, m."""
 
-
-CAR_SIZE = (0.25, 0.18, 0.07)
-"""Half the length, width and height of the body of the car, m; its middle is the point it turns about."""
+GROUND_CLEARANCE = 0.05
+"""Height of the underside of the car of [A] above the floor, m; its top is a centimetre below its cameras."""
 
 Pair = tuple[float, float]
 
@@ -107,20 +107,26 @@ class Mesh:
 
 
 def build(
-    plan: Plan, seed: int = 0, walls: Walls = "textured", pedestrian: bool = False, eye_height: float = 0.2
+    plan: Plan,
+    seed: int = 0,
+    walls: Walls = "textured",
+    pedestrian: bool = False,
+    rig: StereoRig | None = None,
+    body: Body | None = None,
 ) -> World:
     """Paint and build a plan. The seed decides what it looks like.
 
     Args:
         pedestrian: with a person-sized box that can be moved.
-        eye_height: of the cameras, m.
+        rig, body: of the robot; of the car of [A] by default.
     """
     import mujoco
 
     rng = np.random.default_rng((seed, 100))
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 640, 480
+    rig, body = rig or StereoRig(), body or Body()
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = max(640, rig.width), max(480, rig.height)
     spec.visual.quality.offsamples = 0  # the pixels of a strip must not depend on neighbours outside it
     light = spec.visual.headlight
     light.ambient, light.diffuse, light.specular = [1.0] * 3, [0.0] * 3, [0.0] * 3
@@ -145,13 +151,13 @@ def build(
     for name, mesh in (("walls", wall_mesh), ("floor", floor_mesh), ("ceiling", ceiling_mesh)):
         mesh.add(spec, spec.worldbody, name)
     add_collisions(spec, plan)
-    add_car(spec)
+    add_car(spec, body, rig.camera_height)
     if pedestrian:
         add_pedestrian(spec, images, rng)
     model = spec.compile()
     for name, image in images.items():
         fill_texture(model, name, image)
-    return World(model, [profile(s, eye_height) for s in surfaces])
+    return World(model, [profile(s, rig.camera_height) for s in surfaces])
 
 
 def add_textures(spec: Any, images: dict[str, Image]) -> None:
@@ -238,14 +244,19 @@ def add_collision(body: Any, kind: Any, pos: list[float], size: list[float], **m
     body.add_geom(type=kind, pos=pos, size=size, contype=1, conaffinity=0, group=3, **more)
 
 
-def add_car(spec: Any) -> None:
+def add_car(spec: Any, body: Body, camera_height: float) -> None:
+    """The body of the robot; its middle is the point it turns about."""
     import mujoco
+
+    bottom = GROUND_CLEARANCE * min(1.0, body.unit_m)
+    high = max(0.19 * body.unit_m, camera_height - 0.01) - bottom
 
     car = spec.worldbody.add_body(name="car")
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     for name, kind, axis in (("x", slide, [1, 0, 0]), ("y", slide, [0, 1, 0]), ("yaw", hinge, [0, 0, 1])):
         car.add_joint(name=name, type=kind, axis=axis)
-    look = {"type": mujoco.mjtGeom.mjGEOM_BOX, "pos": [0, 0, 0.12], "size": [*CAR_SIZE]}
+    look = {"type": mujoco.mjtGeom.mjGEOM_BOX, "pos": [0, 0, bottom + high / 2]}
+    look["size"] = [body.length_m / 2, body.width_m / 2, high / 2]
     car.add_geom(name="car", mass=8.0, contype=0, conaffinity=1, group=3, **look)
 
 

@@ -9,10 +9,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from torch import Tensor
 
-from ndtorch.navigation import Rect, StereoRig, Strips
+from ndtorch.navigation import Body, Rect, StereoRig, Strips
 from ndtorch_robot.ports import CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.sim.cameras import Cameras, Frame, Motion
-from ndtorch_robot.sim.car import Car
+from ndtorch_robot.sim.car import Car, CarLimits
 from ndtorch_robot.sim.disturbances import Disturbances
 from ndtorch_robot.sim.disturbances.actuators import Delay
 from ndtorch_robot.sim.model import build
@@ -34,6 +34,8 @@ WALK = 0.4
 RIG = StereoRig(forward=0.15)
 """The cameras of the robot: the pair of [A], 15 cm ahead of the middle of the body."""
 
+BODY = Body()
+"""The car of [A]."""
 
 UNDISTURBED = Disturbances()
 
@@ -75,9 +77,10 @@ class Simulation(Drive):
         fields: the subfields to render; `rig.subfields()` by default.
         disturbances: of cameras and car.
         rate: frames a second of the cameras.
+        body: of the robot.
 
     Raises:
-        InputError: a plan where the car does not fit.
+        InputError: a plan where the robot does not fit.
     """
 
     def __init__(
@@ -93,12 +96,13 @@ class Simulation(Drive):
         fields: tuple[Rect, Rect] | None = None,
         disturbances: Disturbances = UNDISTURBED,
         rate: float = 30.0,
+        body: Body = BODY,
     ) -> None:
         import mujoco
 
         self.plan, self.rig, self.odometry, self.pedestrian = plan, rig, odometry, pedestrian
-        self.disturbances, self.rate = disturbances, rate
-        self.world = build(plan, seed, walls, pedestrian, rig.camera_height)
+        self.disturbances, self.rate, self.body = disturbances, rate, body
+        self.world = build(plan, seed, walls, pedestrian, rig, body)
         self.data = mujoco.MjData(self.world.model)
         self.begin(seed)
         self.cameras = Cameras(self.world.model, rig, fields, full_frames, disturbances.camera())
@@ -108,8 +112,9 @@ class Simulation(Drive):
         rng = np.random.default_rng((seed, 200))
         errors = self.disturbances.car()
         self.effects = self.disturbances.start(np.random.default_rng((seed, 300)))
-        self.delay = Delay(errors.delay)
-        self.car = Car(backlash=errors.backlash)
+        # The steering takes what the car of [A] needs to react.
+        self.delay = Delay(errors.delay + max(0.0, self.body.reaction_s - BODY.reaction_s))
+        self.car = Car(CarLimits.of(self.body), errors.backlash)
         self.steps = 0
         self.collisions: list[Collision] = []
         self.placed: Placed = None
@@ -121,7 +126,7 @@ class Simulation(Drive):
     @cached_property
     def spawn_points(self) -> SpawnPoints:
         """Where the car fits; computed on first use, which takes seconds in a plan of thousands of walls."""
-        return SpawnPoints(self.plan)
+        return SpawnPoints(self.plan, self.body.unit_m)
 
     @property
     def pose(self) -> tuple[float, float, float]:

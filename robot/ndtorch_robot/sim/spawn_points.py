@@ -11,26 +11,31 @@ from ndtorch.errors import InputError
 from ndtorch_robot.sim.plan import Floats, Plan, Point
 
 STEP = 0.2
-"""Spacing of the places that are tried, m."""
+"""Spacing of the places that are tried, m, at most."""
 
 
 class SpawnPoints:
-    """Places of a plan where the car fits.
+    """Places of a plan where the robot fits.
+
+    Args:
+        unit: of its body, m: the car of [A] needs a place .7 m wide, and prefers 1.2 m.
 
     Raises:
         InputError: there is none.
     """
 
-    def __init__(self, plan: Plan, room: float = 0.6) -> None:
-        self.plan = plan
+    def __init__(self, plan: Plan, unit: float = 1.0) -> None:
+        self.plan, self.unit = plan, unit
         left, right, bottom, top = plan.bounds
-        grid = np.meshgrid(np.arange(left, right, STEP) + 0.1, np.arange(bottom, top, STEP) + 0.1, indexing="ij")
+        step = STEP * min(1.0, 2 * unit)
+        x, y = np.arange(left, right, step) + step / 2, np.arange(bottom, top, step) + step / 2
+        grid = np.meshgrid(x, y, indexing="ij")
         points = np.stack([axis.ravel() for axis in grid], -1)
         clear = plan.clearance(points)
         self.free = points[clear > 0]
-        self.points = points[clear >= min(room, 0.95 * float(clear.max()))]
-        if clear.max() < 0.35:
-            raise InputError(f"arena {plan.name}: nowhere as wide as the car needs (0.7 m)")
+        self.points = points[clear >= min(0.6 * unit, 0.95 * float(clear.max()))]
+        if clear.max() < 0.35 * unit:
+            raise InputError(f"arena {plan.name}: nowhere as wide as the robot needs ({0.7 * unit:.3g} m)")
 
     def random(self, rng: np.random.Generator) -> tuple[float, float, float]:
         x, y = self.points[int(rng.integers(len(self.points)))]
@@ -50,8 +55,9 @@ class SpawnPoints:
         angles: Floats = np.arange(24, dtype=np.float64) * (2 * math.pi / 24)
         return float(angles[int(self.lengths(x, y, angles).argmax())])
 
-    def lengths(self, x: float, y: float, angles: Floats, half_width: float = 0.25) -> Floats:
-        """How far a car could drive straight on in each direction, m."""
+    def lengths(self, x: float, y: float, angles: Floats, half_width: float | None = None) -> Floats:
+        """How far the robot, or something else of this width, could go straight on in each direction, m."""
+        half_width = 0.25 * self.unit if half_width is None else half_width
         result = np.full(len(angles), np.inf)
         for k, angle in enumerate(angles):
             for aside in (-half_width, 0.0, half_width):

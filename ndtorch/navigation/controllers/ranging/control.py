@@ -25,6 +25,7 @@ from ndtorch.navigation.controllers.ranging._kernels import RangingState, Rangin
 from ndtorch.navigation.controllers.ranging._kernels_floor import FULL_SHARE, FloorState, known_share, see_floor
 from ndtorch.navigation.controllers.ranging.floor_view import floor_view, view_numbers
 from ndtorch.navigation.controllers.ranging.params import RangingParams
+from ndtorch.navigation.controllers.ranging.spin import spin_of, spun
 from ndtorch.navigation.controllers.ranging.tables import floor_numbers, ranging_tables
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.local_grid._kernels import add_ranges, bound
@@ -65,6 +66,7 @@ class RangingControl(Controller):
         self.rig, self.dt, self.view = rig, dt, floor_view(rig, p.floor)
         self.numbers = view_numbers(rig, p.floor, self.view, dt)
         self.tables: RangingTables = ranging_tables(rig, p, self.view, dt)
+        self.spin = spin_of(p, self.tables)
         self.size = (rig.height, rig.width)
         v = self.numbers
         self.shape = (2, v.tall * v.bands, v.wide * v.blocks)
@@ -117,7 +119,8 @@ class RangingControl(Controller):
         speed, curvature, after = ranging_step(
             seen, (ranges.x, ranges.y, ranges.valid), tuple(pose), tuple(driven), state, self.tables
         )
-        return Command(speed, curvature), after
+        command = Command(speed, curvature)
+        return (command, after) if self.spin is None else spun(command, after, pose, self.spin, self.tables)
 
     def on_near_obstacles(
         self, state: RangingState, pose: Pose, obstacles: Obstacles, across: Obstacles, floor_seen: bool

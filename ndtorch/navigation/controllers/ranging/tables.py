@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ndtorch.navigation.body import USUAL_SPEED
 from ndtorch.navigation.controllers.ranging._kernels import DecisionNumbers, RangingTables
 from ndtorch.navigation.controllers.ranging._kernels_floor import FloorNumbers
 from ndtorch.navigation.controllers.ranging.floor_view import FloorView
@@ -28,7 +29,8 @@ def ranging_tables(
     wide, tight = 1 / p.turn_radius_m, 1 / p.tight_radius_m
     arcs = [(0.0, 1), (wide, 1), (tight, 1), (-wide, 1), (-tight, 1), (-tight, -1), (0.0, -1), (tight, -1)]
     longest = math.floor(min(1.6, p.grid.reach - 0.5) / p.grid.cell_m) * p.grid.cell_m
-    primitives = motion_primitives(arcs, p.body, p.safety_margin_m, longest, p.grid.cell_m, lag=0.05)
+    lag = USUAL_SPEED * p.body.reaction_s
+    primitives = motion_primitives(arcs, p.body, p.safety_margin_m, longest, p.grid.cell_m, lag)
     x, y = np.meshgrid(
         np.linspace(-0.4, 0.4, 6) * p.body.length_m, np.linspace(-0.4, 0.4, 5) * p.body.width_m, indexing="ij"
     )
