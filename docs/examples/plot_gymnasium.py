@@ -70,8 +70,8 @@ def navigator() -> Policy:
 
 
 # %%
-# All drive in the same buildings from the same starts. The reward is the meters driven, less 5 for a collision, which
-# ends the episode.
+# All drive in the same buildings from the same starts. The reward is the metres driven on new ground, less 10 for a
+# collision, which ends the episode.
 POLICIES = {"straight on": straight, "away": away, "ranging": navigator}
 ARENAS, SECONDS = ("Curve", "Loop", "Room"), 12.0
 
@@ -92,7 +92,7 @@ register()  # Gymnasium knows of ndtorch/Curve-v0 and the others from now on
 driven = {}
 with torch.inference_mode():
     for arena in ARENAS:
-        env = gymnasium.make(f"ndtorch/{arena}-v0", building=0, seconds=SECONDS)
+        env = gymnasium.make(f"ndtorch/{arena}-v0", building=0, max_episode_steps=round(30 * SECONDS))
         for name, make in POLICIES.items():
             driven[arena, name] = episode(env, make())
             print(f"{arena}, {name}: {driven[arena, name][0]:.2f}")

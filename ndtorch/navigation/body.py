@@ -6,12 +6,16 @@ import math
 from dataclasses import dataclass, replace
 
 from ndtorch.arguments import check_numbers, check_signs, renamed_fields
+from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.stereo.correspondence import MatchParams
 from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
 
 USUAL_FOCAL_BASELINE = 129.0
 """Pixels times metres of the rig of [A], for which the disparities of `MatchParams` and `SearchParams` are."""
+
+USUAL_FOCAL = 430.0
+"""Pixels."""
 
 USUAL_SPEED, USUAL_STOP = 0.5, 0.1
 """The car of [A] drives at the first, m/s, and stops within the second, m: its reaction and its braking."""
@@ -103,6 +107,16 @@ def rig_in_units(rig: StereoRig, unit: float) -> StereoRig:
     )
 
 
+def proximity_params(rig: StereoRig, body: Body) -> ProximityParams:
+    """The usual ones in units of the body; the tilt of the horizon is an angle.
+
+    Rooms do not shrink with a body: what is far is as far as for the car of [A], in metres.
+    """
+    usual = ProximityParams()
+    tilt = round(usual.max_tilt_px * rig.focal / USUAL_FOCAL)
+    return replace(usual, max_tilt_px=tilt, far_m=usual.far_m * max(1.0, 1 / body.unit_m))
+
+
 def match_params(rig: StereoRig, body: Body) -> MatchParams:
     """The disparities at which a body needs ranges: as `MatchParams` has them for the car and the rig of [A]."""
     share, usual = rig.focal * rig.baseline / body.unit_m / USUAL_FOCAL_BASELINE, MatchParams()
@@ -110,8 +124,12 @@ def match_params(rig: StereoRig, body: Body) -> MatchParams:
 
 
 def search_params(rig: StereoRig, body: Body, rows: int = 1) -> SearchParams:
-    """The disparities at which a body needs ranges: as `SearchParams` has them for the car and the rig of [A]."""
+    """The disparities at which a body needs ranges: as `SearchParams` has them for the car and the rig of [A].
+
+    Rooms do not shrink with a body: small ones are also searched for what is as far as the car of [A] sees, since it
+    would match as something near otherwise.
+    """
     share, usual = rig.focal * rig.baseline / body.unit_m / USUAL_FOCAL_BASELINE, SearchParams()
-    least = max(1, round(share * usual.min_disparity_px))
+    least = max(1, round(share * min(1.0, body.unit_m) * usual.min_disparity_px))
     most = max(least + 2, min(round(share * usual.max_disparity_px), rig.width - 4 * usual.half_width_px))
     return SearchParams(rows=rows, min_disparity_px=least, max_disparity_px=most)

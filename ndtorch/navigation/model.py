@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
-from ndtorch.navigation.body import Body, match_params, rig_in_units, search_params
+from ndtorch.navigation.body import Body, match_params, proximity_params, rig_in_units, search_params
 from ndtorch.navigation.controllers.contract import Command, Controller
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.controllers.scaled import controller_for_body
@@ -129,7 +129,10 @@ class Navigator(nn.Module):
         # Where the ranging itself searches, the controller is told at every frame.
         looks = near_check and self.backend == "numba" and self.controller.checks_near
         searching = StereoRanging(rig, dt, angles=angles, search=how) if search is None else None
-        near = ProximityCheck(rig if body is None else rig_in_units(rig, body.unit_m), self.controller.fields)
+        fields = self.controller.fields
+        near = ProximityCheck(rig, fields)
+        if body is not None:
+            near = ProximityCheck(rig_in_units(rig, body.unit_m), fields, proximity_params(rig, body))
         self.near = ProximitySchedule(near, searching) if looks else None
 
     def extra_repr(self) -> str:

@@ -44,11 +44,11 @@ class NavigatorTable(Strict, NavigatorOptions):
         return options_of({name: getattr(self, name) for name in OPTION_NAMES})
 
 
-def configuration(options: NavigatorOptions, rig: StereoRig, rate: float, body: Body) -> dict[str, Any]:
+def configuration(options: NavigatorOptions, rig: StereoRig, rate: float, body: Body | None = None) -> dict[str, Any]:
     """For a recording: everything from which the same navigator can be made again."""
     return {
         "rig": dataclasses.asdict(rig),
-        "body": dataclasses.asdict(body),
+        "body": dataclasses.asdict(body or Body()),
         "rate_hz": rate,
         **dataclasses.asdict(options_of(dataclasses.asdict(options))),
     }

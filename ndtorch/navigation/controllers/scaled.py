@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 from typing import Any
 
+import torch
 from torch import nn
 
 from ndtorch.errors import InputError
@@ -34,15 +36,17 @@ def controller_for_body(
     params = kind.Params() if params is None else params
     names = {field.name for field in fields(params)}
     params = slower(params, body.speed_ratio)
+    own = rig_in_units(rig, unit)
     if "body" in names:
-        params = replace(params, body=body.in_units())
+        params = replace(params, body=body.in_units(), floor=fitted(params.floor, own))
     if "reactive" in names:
         reactive = slower(params.reactive, body.speed_ratio)
-        params = replace(params, reactive=replace(reactive, body=body.in_units()))
+        reactive = replace(reactive, body=body.in_units(), floor=fitted(reactive.floor, own))
+        params = replace(params, reactive=reactive)
     if "goal" in names and params.goal is not None:
         params = replace(params, goal=(params.goal[0] / unit, params.goal[1] / unit))
     try:
-        inner = kind(rig_in_units(rig, unit), dt, params)
+        inner = kind(own, dt, params)
     except InputError as error:
         near = unit * getattr(getattr(params, "reactive", params), "floor", NO_FLOOR).near_m
         why = f"{error} (1 m of these is {unit:.3g} m for this body)" if unit != 1 else str(error)
@@ -51,6 +55,13 @@ def controller_for_body(
             why = f"{why}{rig.floor_hint(near)}; StereoRanging needs none"
         raise InputError(why) from None
     return inner if unit == 1 else ScaledController(inner, unit)
+
+
+def fitted(params: FloorParams, rig: StereoRig) -> FloorParams:
+    """The floor with no more bands than it has rows in the image."""
+    x, y = torch.tensor([params.far_m, params.near_m]), torch.zeros(2)
+    far, near = rig.project(x, y, -rig.camera_height)[1].tolist()
+    return replace(params, bands=min(params.bands, max(2, math.floor(near) + 1 - math.ceil(far))))
 
 
 def slower(params: Any, ratio: float) -> Any:

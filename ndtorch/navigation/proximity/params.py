@@ -15,6 +15,7 @@ class ProximityParams:
     Args:
         min_depth_m: Obstacles nearer to the cameras than this are not searched for.
         max_depth_m: Obstacles farther from the cameras than this are not near.
+        far_m: What is at most this far can match where it is; what is farther may match as something near.
         half_width_m: Obstacles farther to the side of the car's middle than this are ignored.
         min_support: An obstacle needs this many neighbouring columns of the same depth.
         mismatch_max_places: This many places or more are kept even if the floor seems to be unbroken.
@@ -32,6 +33,7 @@ class ProximityParams:
 
     min_depth_m: float = 0.25
     max_depth_m: float = 0.95
+    far_m: float = 8.0
     half_width_m: float = 0.3
     min_support: int = 5
     mismatch_max_places: int = 12

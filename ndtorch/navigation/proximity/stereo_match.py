@@ -13,7 +13,10 @@ from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.stereo.rig import StereoRig
 
 PATCH_HALF = 8
-"""Columns of a halved row that are compared to either side of a place."""
+"""Columns of a shrunk row that are compared to either side of a place."""
+
+FOCAL, MIN_FOCAL = 215.0, 160.0
+"""Focal length of shrunk rows, pixels: what is near is coarse. Rows of a shorter one than the second are not shrunk."""
 
 UNIQUENESS_RATIO = 0.6
 """A match must differ by less than this share of the best one elsewhere."""
@@ -54,12 +57,13 @@ def detect_obstacles(left: Floats, right: Floats, rig: StereoRig, params: Proxim
     Every textured place of the left row is matched with the whole right row (sum of absolute differences). A match
     counts if it is unique, is found from the right as well, and has neighbours of the same depth.
     """
-    p, focal = params, rig.focal / 2
-    left, right = halved(left), halved(right)
+    p, fold = params, 1 if rig.focal < MIN_FOCAL else max(2, round(rig.focal / FOCAL))
+    focal = rig.focal / fold / math.cos(rig.pitch)
+    left, right = shrunk(left, fold), shrunk(right, fold)
     width, size = len(left), 2 * PATCH_HALF + 1
     low = max(2, math.floor(focal * rig.baseline / p.max_depth_m))
     high = min(width - size - 1, math.ceil(focal * rig.baseline / p.min_depth_m))
-    first = max(1, low // 8)  # what is farther must be able to match where it is
+    first = max(1, math.floor(focal * rig.baseline / p.far_m))
     none = np.zeros(0, np.float32)
     if high <= low:
         return Obstacles(none, none)
@@ -68,7 +72,7 @@ def detect_obstacles(left: Floats, right: Floats, rig: StereoRig, params: Proxim
     steps = np.abs(np.diff(left, prepend=left[:1]))
     textured = np.convolve(steps, np.ones(size) / size, "same") >= MIN_TEXTURE
     depth = focal * rig.baseline / disparity
-    aside = rig.baseline / 2 + depth * ((rig.center[0] - 0.5) / 2 - columns) / focal
+    aside = rig.baseline / 2 + depth * ((rig.center[0] - (fold - 1) / 2) / fold - columns) / focal
     unique = cost < UNIQUENESS_RATIO * elsewhere
     good = mutual & textured & unique & (disparity >= low) & (np.abs(aside) <= p.half_width_m)
     found = np.flatnonzero(good)
@@ -77,10 +81,10 @@ def detect_obstacles(left: Floats, right: Floats, rig: StereoRig, params: Proxim
     return Obstacles(np.asarray(x, np.float32), np.asarray(y, np.float32))
 
 
-def halved(row: Floats) -> Floats:
-    """Means of two pixels each, as what is near is coarse."""
-    row = row[: len(row) // 2 * 2]
-    return np.asarray((row[::2] + row[1::2]) / 2, np.float32)
+def shrunk(row: Floats, fold: int) -> Floats:
+    """Means of so many pixels each."""
+    row = row[: len(row) // fold * fold]
+    return np.asarray(sum(row[k::fold] for k in range(fold)) / fold, np.float32)
 
 
 def has_support(depths: npt.NDArray[np.float64], columns: Indices, least: int) -> npt.NDArray[np.bool_]:

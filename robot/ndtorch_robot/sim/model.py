@@ -140,7 +140,7 @@ def build(
     for segment, surface, cut in zip(plan.segments, surfaces, patches, strict=True):
         wall_mesh.wall(segment, surface, cut)
     if walls == "textured":
-        add_skirting(spec, plan)
+        add_skirting(spec, plan, closed=rig.camera_height < SKIRTING[1])
     left, right, bottom, top = ground
     floor_mesh.level(ground, 0.0, (1.0, 1.0))
     ceiling_mesh.level(ground, plan.height, ((right - left) / 9.6, (top - bottom) / 9.6), facing_down=True)
@@ -179,15 +179,21 @@ def fill_texture(model: mujoco.MjModel, name: str, image: Image) -> None:
     model.tex_data[begin : begin + image.size] = image.ravel()
 
 
-def add_skirting(spec: Any, plan: Plan) -> None:
-    """A dark board along the foot of the walls, as a mesh: in the texture, the filter would blur it away."""
+def add_skirting(spec: Any, plan: Plan, closed: bool = False) -> None:
+    """A dark board along the foot of the walls, as a mesh: in the texture, the filter would blur it away.
+
+    Args:
+        closed: boards meet at corners, for cameras that see them from their own height: slits between them would be
+            features in the rows that are ranged.
+    """
     kinds = [kind for shape in plan.rings for kind in shape.kinds]
     boards = Mesh()
     for ((ax, ay), (bx, by)), kind in zip(plan.segments, kinds, strict=True):
         if kind == "wall":
             length = math.hypot(bx - ax, by - ay)
             x, y = -(by - ay) / length * SKIRTING[0], (bx - ax) / length * SKIRTING[0]
-            boards.upright((ax + x, ay + y), (bx + x, by + y), (0.0, SKIRTING[1]))
+            u, v = (y, -x) if closed else (0.0, 0.0)
+            boards.upright((ax + x - u, ay + y - v), (bx + x + u, by + y + v), (0.0, SKIRTING[1]))
     if boards.points:
         boards.add(spec, spec.worldbody, "skirting", [0.2, 0.19, 0.18, 1])
 

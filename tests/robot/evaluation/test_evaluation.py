@@ -76,8 +76,9 @@ def test_rows_are_of_all_drives_together():
     assert lines[-1] == "note"
     table = list(csv.reader(comma_separated([room, loop]).splitlines()))
     assert table[0] == list(COLUMNS)
+    assert rows_of([drive | {"body_lengths": 1000.0} for drive in drives])[0].hits_1000 == 1.0
     assert table[2][:4] == ["loop", "textured", "published", ""]
-    assert table[2][4:] == "1 0.25 8.0 2 - 4.0 400 50 20 - 80 90 60 1.5 - - -".replace("-", "").split(" ")
+    assert table[2][4:] == "1 0.25 8.0 2 - 4.0 400 - 50 20 - 80 90 60 1.5 - - -".replace("-", "").split(" ")
 
 
 def test_rows_tell_disturbances_gates_and_people():

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.procedural_textures import Surface, floor_texture, pack
 from ndtorch_robot.sim.simulation import RIG, Simulation
@@ -34,9 +34,14 @@ def test_edges_are_where_the_rig_says():
     assert 0.03 < float(left.field.float().std()) / 255 * 2 < 0.2
 
 
-def test_pitch_is_refused():
-    with pytest.raises(InputError, match="pitch"):
-        Simulation(load_arena("room"), rig=StereoRig(pitch=0.1))
+def test_cameras_that_are_mounted_pitched_see_what_those_see_that_have_slipped():
+    seen = []
+    for pitch, slipped in ((0.1, ""), (0.0, f"pitch_deg={math.degrees(0.1)}")):
+        rig, whole = StereoRig(pitch=pitch, forward=0.15), read_disturbances(slipped)
+        simulation = Simulation(load_arena("room"), 3, rig=rig, disturbances=whole, full_frames=True)
+        seen.append(simulation.read().left)
+        simulation.close()
+    assert torch.equal(*seen)
 
 
 def test_nothing_is_painted_twice():
