@@ -36,7 +36,7 @@ def test_edges_are_where_the_rig_says():
 
 def test_cameras_that_are_mounted_pitched_see_what_those_see_that_have_slipped():
     seen = []
-    for pitch, slipped in ((0.1, ""), (0.0, f"pitch_deg={math.degrees(0.1)}")):
+    for pitch, slipped in ((math.radians(5), ""), (0.0, "pitch_deg=5")):
         rig, whole = StereoRig(pitch=pitch, forward=0.15), read_disturbances(slipped)
         simulation = Simulation(load_arena("room"), 3, rig=rig, disturbances=whole, full_frames=True)
         seen.append(simulation.read().left)
