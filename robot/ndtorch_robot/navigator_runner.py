@@ -64,7 +64,8 @@ class NavigatorRunner:
         """For a recording: everything from which the same runner can be made again."""
         grid = self.grid
         sides = None if grid is None else (grid.left, grid.right, grid.bottom, grid.top, grid.cell)
-        return configuration(self.options, self.rig, self.rate, self.body) | {"map_m": sides, "near_check": self.near_check}
+        about = configuration(self.options, self.rig, self.rate, self.body)
+        return about | {"map_m": sides, "near_check": self.near_check}
 
     def drive_to(self, x: float, y: float) -> None:
         """Send the car to a place, m, from the next step on; from any thread."""

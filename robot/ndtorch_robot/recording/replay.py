@@ -33,7 +33,7 @@ def make_runner(configuration: dict[str, Any], mapping: bool = False) -> Navigat
         options, rig = options_of(configuration), StereoRig(**configuration["rig"])
         sides = configuration["map_m"] or (-MAP_HALF, MAP_HALF, -MAP_HALF, MAP_HALF)
         grid = Grid(*map(float, sides)) if mapping else None
-        rate, near, body = configuration["rate_hz"], configuration["near_check"], Body(**configuration["body"])
+        rate, near, body = configuration["rate_hz"], configuration["near_check"], Body(**configuration.get("body", {}))
         return NavigatorRunner(options, rig, float(rate), grid, bool(near), body)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         if isinstance(error, InputError):

@@ -1,13 +1,9 @@
-"""
-Train PPO in Gymnasium
-======================
+"""PPO of Stable-Baselines3 learns to drive, and is compared with `ranging` and with straight on in unseen buildings.
 
-PPO of Stable-Baselines3 learns to drive from means of what the cameras see, and is compared with the controller
-``ranging`` and with driving straight on, in buildings that it never saw. This needs ``ndtorch-robot[sim]`` and
-``stable-baselines3``. The defaults of Stable-Baselines3 work, too: ``PPO("MultiInputPolicy", env)`` with what
-``gymnasium.make`` gives; they take hours.
+It sees means of what the cameras see. This needs `ndtorch-robot[sim]` and `stable-baselines3`. The defaults of
+Stable-Baselines3 work, too, with what `gymnasium.make` gives, `PPO("MultiInputPolicy", env)`; they take hours.
 
-``python docs/examples/train_ppo.py 30000`` trains for so many steps.
+    python robot/examples/train_ppo.py 30000    # trains for so many steps
 """
 
 import sys
