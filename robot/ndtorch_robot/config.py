@@ -9,6 +9,7 @@ from pydantic import Field, field_validator
 
 from ndtorch.navigation import Body, StereoRig
 from ndtorch.navigation.options import OPTION_NAMES
+from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import check, read_toml, toml_values
 from ndtorch_robot.navigator_table import NavigatorTable
 from ndtorch_robot.robot_config import RobotTable
@@ -87,7 +88,7 @@ def robot_of(values: dict[str, object]) -> dict[str, object]:
     file = values.get("robot")
     if not isinstance(file, str | Path):
         return values
-    found = read_toml(Path(file), RunConfig)
+    found = read_toml(toml_file(Path(file), "ndtorch_robot", "configs"), RunConfig)
     options = found.navigation.model_dump(include=set(OPTION_NAMES), exclude_unset=True)
     robot = found.model_dump(include=set(RobotTable.model_fields))
     return {**options, **values, "robot": robot}

@@ -67,4 +67,4 @@ def test_options_of_the_file_lie_below_those_that_are_given() -> None:
     file = FOLDER / "mini.toml"
     assert load_config(None, {"robot": file}).stereo == "search"
     assert load_config(None, {"robot": file, "stereo": "features"}).stereo == "features"
-    assert load_config(None, {"robot": file}).rate == 30.0
+    assert load_config(None, {"robot": "mini"}) == load_config(None, {"robot": file})

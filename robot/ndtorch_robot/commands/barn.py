@@ -46,7 +46,7 @@ class Barn:
     stereo: Literal["search", "features"] = "search"
     """Ranges are found as with `ndtorch drive`; feature matching finds little between many similar posts."""
     robot: Path | None = None
-    """The robot of this file drives, one for `ndtorch run` (default: the car of [A])."""
+    """The robot of this file drives, or one of robot/configs by name (default: the car of [A])."""
     speed: float = 0.6
     """The car drives at this speed where nothing is in its path, m/s."""
     seed: int = 0
@@ -103,13 +103,15 @@ class Barn:
 
     def entry(self, world: World) -> Entry:
         from ndtorch.navigation.options import OPTION_NAMES, options_of
+        from ndtorch.utils.packages import toml_file
         from ndtorch.utils.toml import read_toml
         from ndtorch_robot.barn.attempts import Entry
         from ndtorch_robot.robot_config import RobotTable
         from ndtorch_robot.run_config import RunConfig
 
         given = {k: v for k, v in asdict(self).items() if k in OPTION_NAMES and v is not None and v is not False}
-        found = None if self.robot is None else read_toml(self.robot, RunConfig)
+        file = None if self.robot is None else toml_file(self.robot, "ndtorch_robot", "configs")
+        found = None if file is None else read_toml(file, RunConfig)
         robot = None if found is None else RobotTable(**found.model_dump(include=set(RobotTable.model_fields)))
         return Entry(world, options_of(given), self.seed, robot)
 

@@ -32,7 +32,7 @@ class Drive:
     config: Annotated[Path | None, tyro.conf.Positional] = None
     """The options below may be keys of this TOML file."""
     robot: Path | None = None
-    """The robot of this file drives, one for `ndtorch run` (default: the car of [A])."""
+    """The robot of this file drives, or one of robot/configs by name (default: the car of [A])."""
     arena: str | None = None
     """The car drives in this arena, a name (see `ndtorch arenas`) or a .toml file (default: hallway)."""
     seed: int | None = None
