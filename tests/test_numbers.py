@@ -105,7 +105,7 @@ def test_nan_is_refused_by_every_class_of_numbers_and_infinity_where_it_means_no
 
 
 SIGNED = {
-    *("OwnerCriteria.alike", "OwnerReadout.alike", "SingleReadout.agrees", "BackgroundParams.scene_cut_correlation"),
+    *("OwnerCriteria.alike", "OwnerReadout.alike", "SingleReadout.agrees"),
     *("Grid.right", "Grid.top", "FloorParams.outer_rad"),
 }
 """Correlations, cosines and directions: positive as they are, but a little below 0 too."""

@@ -28,7 +28,13 @@ BLUR_PX = 3
 SHADOW_CLOSING_RATIO = 0.04
 """Shadow within this distance between foreground parts is foreground (fraction of the height): a dark coat."""
 
-FIXED = "settle broad trail penumbra around pure colored dark light offset patch soft speckle block other"
+OUTLIER_LIMIT = 3.0
+"""One step teaches the noise at most this many times its present value."""
+
+FIXED = (
+    "settle broad trail penumbra around pure colored dark light offset patch soft speckle block other "
+    "surprise gain_limit cut changed alike"
+)
 """Keys of version 0.2.0 that are constants in the code now."""
 
 
@@ -43,14 +49,9 @@ class BackgroundParams(Constants):
         "moved": "min_motion_ratio",
         "still": "static_after_s",
         "hold": "object_learning_ratio",
-        "surprise": "outlier_limit",
         "darkest": "shadow_min_ratio",
         "tint": "shadow_max_tint_ratio",
         "uneven": "shadow_max_variation_ratio",
-        "gain_limit": "max_gain_ratio",
-        "cut": "scene_cut_ratio",
-        "changed": "scene_cut_blocks_ratio",
-        "alike": "scene_cut_correlation",
     }
 
     max_height_px: int = Field(
@@ -73,9 +74,6 @@ class BackgroundParams(Constants):
     object_learning_ratio: float = Field(
         0.05, ge=0, description="The background under an object follows at this fraction of its pace."
     )
-    outlier_limit: float = Field(
-        3.0, gt=0, description="One step teaches the noise at most this many times its present value."
-    )
     shadow_min_ratio: float = Field(
         0.4, ge=0, le=1, description="A shadow leaves at least this fraction of the background's light."
     )
@@ -84,21 +82,6 @@ class BackgroundParams(Constants):
     )
     shadow_max_variation_ratio: float = Field(
         0.06, ge=0, description="The remaining light of a shadow varies by at most this among neighbours."
-    )
-    max_gain_ratio: float = Field(
-        4.0, ge=1, description="The exposure is corrected by at most this gain, or by one over it."
-    )
-    scene_cut_ratio: float = Field(
-        0.7, gt=0, le=1, description="A new scene begins if more than this fraction of the image is foreground."
-    )
-    scene_cut_blocks_ratio: float = Field(
-        0.6,
-        gt=0,
-        le=1,
-        description="A new scene begins if more than this fraction of the blocks changes and they are uncorrelated.",
-    )
-    scene_cut_correlation: float = Field(
-        0.25, ge=-1, le=1, description="Blocks are uncorrelated if they correlate by less than this with those before."
     )
 
 
@@ -194,7 +177,7 @@ def update_background(
         background=smoothing_factor(p.tau_background, dt),
         noise=noise_share(seen, dt, p),
         object_ratio=p.object_learning_ratio,
-        outlier_limit=p.outlier_limit,
+        outlier_limit=OUTLIER_LIMIT,
     )
     learn(image, noise, kept, model.mean, model.deviation, model.static_time, model.initialised, rates)
 

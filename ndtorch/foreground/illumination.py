@@ -14,6 +14,10 @@ from ndtorch.utils.selection import median
 
 DARK = 0.04
 """The exposure is measured where the background is lighter than this fraction of full scale."""
+MAX_GAIN = 4.0
+"""The exposure is corrected by at most this gain, or by one over it."""
+CUT_CORRELATION = 0.25
+"""Blocks are uncorrelated if they correlate by less than this with those before."""
 MIN_LIT_RATIO = 0.1
 """The exposure is measured if at least this share of the background is lighter than `DARK`."""
 
@@ -42,9 +46,9 @@ def illumination(image: Floats, background: Floats, p: BackgroundParams) -> Illu
     are at their limits, which is more than a camera's exposure control does.
     """
     gain, noise = np.empty(3, np.float32), np.empty(3, np.float32)
-    limits = IlluminationLimits(p.max_gain_ratio, p.min_noise_ratio)
+    limits = IlluminationLimits(MAX_GAIN, p.min_noise_ratio)
     lit, lit_before, colorfulness = measure_illumination(image, background, limits, gain, noise)
-    extreme = (np.abs(np.log(gain)) >= np.log(p.max_gain_ratio) * (1 - 1e-6)).sum() > 1
+    extreme = (np.abs(np.log(gain)) >= np.log(MAX_GAIN) * (1 - 1e-6)).sum() > 1
     return Illumination(gain, noise, bool(extreme) or lit_before < MIN_LIT_RATIO <= lit, colorfulness)
 
 
@@ -103,11 +107,11 @@ def changed_block_ratio(blurred: Floats, previous: Floats) -> float:
     return float((np.abs(blocks(blurred - previous)).max(0) > BLOCK_CHANGE).mean())
 
 
-def is_uncorrelated(blurred: Floats, previous: Floats, p: BackgroundParams) -> bool:
+def is_uncorrelated(blurred: Floats, previous: Floats) -> bool:
     """Whether blocks are bright elsewhere than before; after a change of light they are bright in the same places."""
     one, other = (grey - grey.mean() for grey in (blocks(blurred).mean(0), blocks(previous).mean(0)))
     product = (one * other).sum()
-    return bool(product < p.scene_cut_correlation * np.sqrt((one * one).sum() * (other * other).sum()))
+    return bool(product < CUT_CORRELATION * np.sqrt((one * one).sum() * (other * other).sum()))
 
 
 def blocks(image: Floats) -> Floats:

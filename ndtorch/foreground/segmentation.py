@@ -11,6 +11,7 @@ from ndtorch.foreground.arrays import Bools, Bytes, Floats
 from ndtorch.foreground.background import (
     MIN_MOVING_SIDE_RATIO,
     MOTION_TRAIL_S,
+    OUTLIER_LIMIT,
     SHADOW_CLOSING_RATIO,
     BackgroundModel,
     BackgroundParams,
@@ -21,6 +22,9 @@ from ndtorch.foreground.illumination import changed_block_ratio, illumination, i
 from ndtorch.foreground.noise import MotionLimits, motion_and_noise
 from ndtorch.foreground.shadow import MIN_COLORFULNESS, PENUMBRA_PX, WINDOW_PX, ShadowLimits
 
+CUT_RATIO, CUT_BLOCKS_RATIO = 0.7, 0.6
+"""A new scene begins if more than this fraction of the image is foreground, or if more than this fraction of the blocks
+changes and they are uncorrelated."""
 SPECKLE_PX = 3
 """A foreground pixel needs the majority of the square of this side, and such a square is the smallest foreground."""
 
@@ -70,9 +74,9 @@ def segment(raw: Floats, model: BackgroundModel, dt: float, p: BackgroundParams)
     limits = MaskLimits(p.threshold_sigma, p.shadow_min_ratio, p.shadow_max_tint_ratio)
     foreground_candidates(raw, gain, noise, m.mean, m.deviation, limits, found)
     changed = update_motion(model, found, dt, p)
-    cut = other_scene or (changed > p.scene_cut_blocks_ratio and is_uncorrelated(m.previous, m.blurred, p))
+    cut = other_scene or (changed > CUT_BLOCKS_RATIO and is_uncorrelated(m.previous, m.blurred))
     mask, narrow = m.marks[3], m.marks[4]
-    if cut or np.count_nonzero(found.candidates.view(np.bool_)) > p.scene_cut_ratio * found.candidates.size:
+    if cut or np.count_nonzero(found.candidates.view(np.bool_)) > CUT_RATIO * found.candidates.size:
         mask[:], narrow[:] = 0, 0
         return Segmentation(raw, raw.mean(0), raw, m.deviation, noise, mask.view(np.bool_), narrow, True)
     height = len(mask)
@@ -91,7 +95,7 @@ def segment(raw: Floats, model: BackgroundModel, dt: float, p: BackgroundParams)
 def update_motion(model: BackgroundModel, found: MaskImages, dt: float, p: BackgroundParams) -> float:
     """Update static time, flicker and the blurred frame; returns the share of blocks that changed."""
     blur(found.image, model.blurred)
-    limits = MotionLimits(dt, p.min_motion_ratio, p.threshold_sigma, noise_share(model.frames, dt, p), p.outlier_limit)
+    limits = MotionLimits(dt, p.min_motion_ratio, p.threshold_sigma, noise_share(model.frames, dt, p), OUTLIER_LIMIT)
     m = model
     changed = motion_and_noise(m.blurred, m.previous, m.flicker, m.static_time, m.initialised, found.candidates, limits)
     if changed < 0:

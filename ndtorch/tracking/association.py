@@ -15,6 +15,10 @@ from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import has_contrast
 from ndtorch.tracking.track import PIXELS, Track
 
+MIN_OVERLAP = 0.3
+"""A track meets a blob if this share of the blob or of the track's box overlaps."""
+GATE_GROWTH_PER_S = 1.0
+"""The gate of a track out of sight grows by this share each second."""
 MIN_CONTAINMENT = 0.6
 """A blob of which this share lies in a track's box is a fragment of it."""
 OCCLUSION_MIN_VISIBLE = 0.5
@@ -43,7 +47,7 @@ def associate(tracks: Sequence[Track], time: float, blobs: Blobs, p: TrackingPar
     counts = overlap_pixels([track.box(time, p.max_prediction_s) for track in tracks], blobs)
     inside, largest = counts.tolist(), [0] * len(tracks)
     for k, (track, r) in enumerate(zip(tracks, counts.argmax(1).tolist(), strict=True)):
-        if inside[k][r] > p.min_overlap_ratio * min(areas[r], track.last[PIXELS] * height * height):
+        if inside[k][r] > MIN_OVERLAP * min(areas[r], track.last[PIXELS] * height * height):
             given[r].append(k)
             largest[k] = areas[r]
     for r, k in enumerate(counts.argmax(0).tolist()):
@@ -105,7 +109,7 @@ def pair_costs(
     height = blobs.labels.shape[0]
     found = np.full((len(tracks), len(where)), NEVER)
     expected = [track.expected(time, p.max_prediction_s) for track in tracks]
-    gates = [p.gate_sizes * track.size * (1 + p.gate_growth_per_s * (time - track.last_seen)) for track in tracks]
+    gates = [p.gate_sizes * track.size * (1 + GATE_GROWTH_PER_S * (time - track.last_seen)) for track in tracks]
     pixels = [max(track.last[PIXELS], 1e-9) for track in tracks]
     for j, r in enumerate(where):
         top, left, bottom, right = blobs.boxes[r].tolist()

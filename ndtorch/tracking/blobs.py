@@ -15,6 +15,8 @@ from ndtorch.tracking._kernels_blobs import label_components, split_components
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.track import Track, is_small
 
+ISOLATION_DISTANCE = 0.2
+"""A small blob is isolated if larger ones are at least this far away (fraction of the height)."""
 MIN_PART_RATIO = 0.2
 """A blob is cut only if each part has at least this share of it."""
 
@@ -123,7 +125,7 @@ def drop_fragments(blobs: Blobs, tracks: Sequence[Track], time: float, p: Tracki
     keep, mine = ~small, boxes[small, None] / height
     # The larger gap of rows and columns, to the nearest of them.
     gaps = np.maximum(mine[..., :2] - large[:, 2:], large[:, :2] - mine[..., 2:]).max(2).min(1, initial=np.inf)
-    keep[small] = gaps >= p.isolation_distance_ratio
+    keep[small] = gaps >= ISOLATION_DISTANCE
     if keep.all():
         return blobs
     number = np.zeros(len(areas) + 1, np.int32)

@@ -14,6 +14,10 @@ from ndtorch.tracking.track import BOX, PIXELS, PLACE, Track, is_small
 
 CELL = 1 / 56
 """Side of a cell of the clutter map, as a fraction of the image height."""
+CLUTTER_DECAY_S = 20.0
+"""Clutter is forgotten with this time constant in seconds."""
+CLUTTER_WINDOW_S = 5.0
+"""Births of tracks are counted over this many seconds."""
 CLUTTER_LEVEL = 0.5
 """A track is in clutter if so many tracks came and went in the mean over its box."""
 MIN_BIRTH_S = 0.08
@@ -58,7 +62,7 @@ def update_clutter_map(
     gone = [one for one in gone if not is_small(one, width, p)]
     if not gone and not before.any():
         return before
-    after = before * np.float32(math.exp(-dt / p.clutter_decay_s))
+    after = before * np.float32(math.exp(-dt / CLUTTER_DECAY_S))
     objects = [one for one in (*lost, *tracks) if one.is_object] if gone else []
     for one in gone:
         path = one.path
@@ -105,7 +109,7 @@ def recent_births(
         before: a step ago.
         tracks: those that go on; lost: those that ended at this step.
     """
-    kept = before[time - before[:, 1] < p.clutter_window_s] if len(before) else before
+    kept = before[time - before[:, 1] < CLUTTER_WINDOW_S] if len(before) else before
     new = [one for one in tracks if one.last_seen == time and was_born(one, p)]
     new += [one for one in lost if MIN_BIRTH_S < one.age <= p.min_track_s]
     if not new:
@@ -146,7 +150,7 @@ def is_particle_clutter(track: Track, births: Numbers, seen_for: float, width: f
     if not p.min_travel_sizes or len(births) < MIN_COUNT:
         return False
     # What began a scene came at once: that is no rate.
-    span = max(1.0, min(seen_for, p.clutter_window_s))
+    span = max(1.0, min(seen_for, CLUTTER_WINDOW_S))
     row, column = track.last[PLACE]
     tall = min(row + RADIUS, 1.0) - max(row - RADIUS, 0.0)
     wide = min(column + RADIUS, width) - max(column - RADIUS, 0.0)

@@ -16,6 +16,8 @@ from ndtorch.tracking.rigid_motion import (
 )
 from ndtorch.tracking.track import Track, TrackState, is_small
 
+LEARNING_S = 1.0
+"""No track is confirmed within this many seconds of a scene's beginning."""
 MAX_SHADOW = 0.5
 """A track of which this share, in the mean, may be a narrow shadow is one."""
 CONFIDENT_TRAVEL, CONFIDENT_STRAIGHTNESS = 2.0, 0.8
@@ -52,8 +54,8 @@ def confirm(
             if revoke_confirmation(one, bool(cluttered and clutter_at(one, clutter)), time, dt, p):
                 one.state = TrackState.TENTATIVE
         elif (
-            seen_for > p.learning_s - dt / 2
-            and travels_enough(one, clutter, dt, p)
+            seen_for > LEARNING_S - dt / 2
+            and travels_enough(one, clutter, p)
             and (not is_small(one, width, p) or is_confident(one, p))
             and not is_shadow(one)
             and is_object(one, light, p)
@@ -74,10 +76,10 @@ def min_travel(track: Track, p: TrackingParams) -> float:
     return max(p.min_travel_sizes * track.size, p.min_travel_height_ratio)
 
 
-def travels_enough(track: Track, clutter: Floats, dt: float, p: TrackingParams) -> bool:
-    """Whether a track was in sight for long enough and most of that time, and moved far enough: further in clutter."""
+def travels_enough(track: Track, clutter: Floats, p: TrackingParams) -> bool:
+    """Whether a track was in sight for long enough and moved far enough: further in clutter."""
     enough, far = min_travel(track, p), track.net_travel
-    if far < enough or track.age < p.min_track_s or track.count * dt < p.min_visible_ratio * (track.age + dt):
+    if far < enough or track.age < p.min_track_s:
         return False
     level = min(1.0, clutter_at(track, clutter) / CLUTTER_LEVEL)
     further = enough if level < 1 else p.clutter_travel_factor * enough
@@ -91,7 +93,7 @@ def is_object(track: Track, light: Callable[[], float], p: TrackingParams) -> bo
     """
     if not p.min_travel_sizes or (has_contrast(track, p) and track.confirmed_at < 0 and not oscillates(track, p)):
         return True
-    rigid = has_contrast(track, p) or is_rigid_motion(track, float(light()), p)
+    rigid = has_contrast(track, p) or is_rigid_motion(track, float(light()))
     return rigid and path_straightness(track) >= p.min_straightness_ratio
 
 

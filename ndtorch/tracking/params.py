@@ -10,9 +10,10 @@ from ndtorch.config import Constants
 
 FIXED = (
     "certain unbent shadow piece follow grouped blurred room restless glimpse near shortly same_size among several "
-    "stride least_stride doubt behind step swing grown beside fate moves"
+    "stride least_stride doubt behind step swing grown beside fate moves "
+    "steady shared reach alone forget lately whole leaves familiar warm_up"
 )
-"""Keys of version 0.2.0 that are constants in the code now."""
+"""Keys of version 0.2.0 that are constants in the code now, or whose rule is gone (steady)."""
 
 
 class TrackingParams(Constants):
@@ -21,32 +22,22 @@ class TrackingParams(Constants):
     old_keys: ClassVar = dict.fromkeys(FIXED.split(), "") | {
         "smallest": "min_area_ratio",
         "tiny": "min_area_isolated_ratio",
-        "alone": "isolation_distance_ratio",
         "gap": "closing_px",
         "notch": "split_notch_ratio",
-        "shared": "min_overlap_ratio",
         "gate": "gate_sizes",
-        "reach": "gate_growth_per_s",
         "unlike": "color_cost",
         "known_by": "split_color_cost",
-        "leaves": "split_max_cost",
-        "familiar": "split_min_age_s",
         "alike_size": "max_area_ratio",
         "own_color": "occlusion_color_cost",
         "coast": "max_lost_s",
         "ahead": "max_prediction_s",
-        "warm_up": "learning_s",
         "shortest": "min_track_s",
-        "steady": "min_visible_ratio",
         "travel": "min_travel_sizes",
         "way": "min_travel_height_ratio",
         "wander": "clutter_travel_factor",
-        "forget": "clutter_decay_s",
         "many": "clutter_rate",
-        "lately": "clutter_window_s",
         "crowded": "clutter_density",
         "clear": "min_contrast_sigma",
-        "whole": "min_rigidity_ratio",
         "straight": "min_straightness_ratio",
         "trial": "probation_s",
         "larger": "parent_area_ratio",
@@ -61,11 +52,6 @@ class TrackingParams(Constants):
     min_area_isolated_ratio: float = Field(
         0.0002, gt=0, description="An isolated blob has at least this area, as a fraction of the image area."
     )
-    isolation_distance_ratio: float = Field(
-        0.2,
-        ge=0,
-        description="A blob is isolated if larger ones are at least this far away, as a fraction of the image height.",
-    )
     closing_px: int = Field(2, ge=0, description="Gaps of up to this many pixels inside a blob are closed.")
     split_notch_ratio: float = Field(
         0.8,
@@ -73,14 +59,8 @@ class TrackingParams(Constants):
         le=1,
         description="A blob is cut where its height is below this fraction of the height on both sides.",
     )
-    min_overlap_ratio: float = Field(
-        0.3, gt=0, description="A track meets a blob if this fraction of the blob or of the track's box overlaps."
-    )
     gate_sizes: float = Field(
         1.0, gt=0, description="An unmatched blob may be this many sizes from where a track is expected."
-    )
-    gate_growth_per_s: float = Field(
-        1.0, ge=0, description="The gate of a track out of sight grows by this fraction each second."
     )
     color_cost: float = Field(
         2.0, ge=0, description="A color difference of full scale costs this much, where the gate's distance costs 1."
@@ -90,12 +70,6 @@ class TrackingParams(Constants):
     )
     split_color_cost: float = Field(
         4.0, ge=0, description="A color difference of full scale costs this much where a group splits."
-    )
-    split_max_cost: float = Field(
-        1.5, gt=0, description="A track leaves a group for another blob at no more than this cost."
-    )
-    split_min_age_s: float = Field(
-        1.0, ge=0, description="A track leaves a group only if it was followed for this many seconds."
     )
     occlusion_color_cost: float = Field(
         16.0,
@@ -112,13 +86,7 @@ class TrackingParams(Constants):
     max_prediction_s: float = Field(
         0.5, ge=0, description="A track out of sight is predicted at its velocity for this many seconds."
     )
-    learning_s: float = Field(
-        1.0, ge=0, description="No track is confirmed within this many seconds of a scene's beginning."
-    )
     min_track_s: float = Field(0.3, ge=0, description="A track is confirmed after at least this many seconds.")
-    min_visible_ratio: float = Field(
-        0.5, ge=0, le=1, description="A track is confirmed if it was detected for this fraction of its time."
-    )
     min_travel_sizes: float = Field(
         0.7, ge=0, description="A track is confirmed once it has moved this many sizes; 0 confirms stationary ones too."
     )
@@ -128,13 +96,11 @@ class TrackingParams(Constants):
     clutter_travel_factor: float = Field(
         3.0, ge=1, description="The distances are this many times as large where tracks came and went before."
     )
-    clutter_decay_s: float = Field(20.0, gt=0, description="Clutter is forgotten with this time constant in seconds.")
     clutter_rate: float = Field(
         5.0,
         gt=0,
         description="Particles are where more tracks of one size than this begin each second and squared image height.",
     )
-    clutter_window_s: float = Field(5.0, gt=0, description="Births of tracks are counted over this many seconds.")
     clutter_density: float = Field(
         18.0, gt=0, description="Particles are also where more begin around a track, each second and squared height."
     )
@@ -142,9 +108,6 @@ class TrackingParams(Constants):
         9.0,
         gt=0,
         description="A track with this mean contrast, in deviations of the noise, need not prove rigid motion.",
-    )
-    min_rigidity_ratio: float = Field(
-        -0.05, ge=-1, le=1, description="A track moves rigidly if its new place fits better than its old by this ratio."
     )
     min_straightness_ratio: float = Field(
         0.4, ge=0, le=1, description="A track oscillates if its net displacement is below this fraction of its path."
@@ -155,7 +118,7 @@ class TrackingParams(Constants):
         description="A confirmation is revoked within this many seconds if the track only oscillates or grows.",
     )
     parent_area_ratio: float = Field(
-        2.0, ge=1, description="A track beside one of this many times its area that moves alike is a part of it."
+        2.0, ge=1, description="What is in or beside something of this many times its area may be a fragment of it."
     )
     stationary_after_s: float = Field(
         1.5, ge=0, description="An object that has not moved for this many seconds is stationary."

@@ -20,6 +20,8 @@ from ndtorch.tracking.track import BOX, PLACE, Track
 
 STRIDE_SIZES, MIN_STRIDE_PX = 0.35, 2.0
 """The appearance is compared each time the track has moved this many sizes, and at least so many pixels."""
+MIN_RIGIDITY = -0.05
+"""A track moves rigidly if its new place fits better than its old by this ratio."""
 RIGIDITY_NOISE = 0.25
 """Differences of this fraction of the light are needed before an appearance says anything."""
 OSCILLATION_MARGIN = 0.3
@@ -76,7 +78,7 @@ def compare_patches(
     return patches[0].copy(), distances.tolist()
 
 
-def is_rigid_motion(track: Track, light: float, p: TrackingParams) -> bool:
+def is_rigid_motion(track: Track, light: float) -> bool:
     """Whether the appearance moved along, against a doubt that what is pale cannot settle soon.
 
     Args:
@@ -84,7 +86,7 @@ def is_rigid_motion(track: Track, light: float, p: TrackingParams) -> bool:
     """
     stayed, went = track.appearance_error.tolist()
     doubt = (RIGIDITY_NOISE * light) ** 2
-    return bool(stayed - went - doubt >= p.min_rigidity_ratio * (stayed + went + doubt))
+    return bool(stayed - went - doubt >= MIN_RIGIDITY * (stayed + went + doubt))
 
 
 def oscillates(track: Track, p: TrackingParams) -> bool:

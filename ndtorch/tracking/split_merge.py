@@ -13,6 +13,8 @@ from ndtorch.tracking.blobs import Blobs
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.track import Track
 
+MAX_COST, MIN_AGE_S = 1.5, 1.0
+"""A track leaves a group at no more than this cost, and only if it was followed for this many seconds."""
 STAY, LEAVE = 20.0, 10.0
 """Rewards for a track that keeps the group's blob, and for one that gets another blob. They are larger than any cost of
 a pair, so costs only say who goes where."""
@@ -28,25 +30,25 @@ def resolve_splits(
     """
     free = found.unmatched_blobs
     for r, ks in found.tracks.items() if free else ():
-        group = [k for k in ks if is_separate(tracks[k], p)]
+        group = [k for k in ks if is_separate(tracks[k])]
         if len(group) < 2:
             continue
         ones = [tracks[k] for k in group]
-        left = pair_costs(ones, free, blobs, image, time, p.split_color_cost, p.split_max_cost, p)
+        left = pair_costs(ones, free, blobs, image, time, p.split_color_cost, MAX_COST, p)
         near = np.flatnonzero((left < NEVER).any(0))
         if not len(near):
             continue
         others, left = [free[n] for n in near.tolist()], left[:, near]
-        stay = pair_costs(ones, [r], blobs, image, time, p.split_color_cost, math.inf, p).clip(max=p.split_max_cost)
+        stay = pair_costs(ones, [r], blobs, image, time, p.split_color_cost, math.inf, p).clip(max=MAX_COST)
         for i, j in assign_split(left, stay):
             found.tracks[r].remove(group[i])
             found.tracks[others[j]].append(group[i])
             free.remove(others[j])
 
 
-def is_separate(track: Track, p: TrackingParams) -> bool:
+def is_separate(track: Track) -> bool:
     """Whether a track is an object for long enough: fragments of one object merge and split all the time."""
-    return track.is_object and track.age >= p.split_min_age_s
+    return track.is_object and track.age >= MIN_AGE_S
 
 
 def assign_split(left: Numbers, stay: Numbers) -> list[tuple[int, int]]:

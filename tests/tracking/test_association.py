@@ -25,7 +25,7 @@ def track(number: int, time: float, row: float, column: float, extent: float = 0
 )
 def test_what_was_lost_for_longer_is_looked_for_farther_away(lost_for: float, away: float, found: bool) -> None:
     """A stationary object of a tenth of the height: as far as its own size, and as much again every second."""
-    params = TrackingParams(gate_sizes=1.0, gate_growth_per_s=1.0, color_cost=0.0)
+    params = TrackingParams(gate_sizes=1.0, color_cost=0.0)
     labels = np.zeros((100, 160), np.int32)
     left = round(100 * (0.3 + away)) - 5
     labels[25:35, left : left + 10] = 1

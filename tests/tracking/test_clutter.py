@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import ndtorch
-from ndtorch.tracking.clutter import clutter_at, empty_clutter_map, update_clutter_map
+from ndtorch.tracking.clutter import CLUTTER_DECAY_S, clutter_at, empty_clutter_map, update_clutter_map
 from ndtorch.tracking.confirmation import travels_enough
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.track import Track, TrackState
@@ -39,7 +39,7 @@ def test_counts_those_that_never_were_objects_and_forgets_them() -> None:
     assert clutter_at(there, gone) == pytest.approx(2, rel=0.3)
     assert clutter_at(elsewhere, gone) == 0
     assert not before.any()
-    for _ in range(round(P.clutter_decay_s / DT)):
+    for _ in range(round(CLUTTER_DECAY_S / DT)):
         gone = update_clutter_map(gone, [], [], DT, P)
     assert clutter_at(there, gone) == pytest.approx(2 / np.e, rel=0.3)
 
@@ -51,9 +51,9 @@ def test_where_others_came_and_went_one_has_to_go_further() -> None:
         track(0, 0.3, 0.3 + 1.5 * P.min_travel_sizes * 0.1),
         track(1, 0.3, 0.3 + 1.1 * P.clutter_travel_factor * P.min_travel_sizes * 0.1),
     )
-    assert travels_enough(short, quiet, DT, P)
-    assert not travels_enough(short, gone, DT, P)
-    assert travels_enough(long, gone, DT, P)
+    assert travels_enough(short, quiet, P)
+    assert not travels_enough(short, gone, P)
+    assert travels_enough(long, gone, P)
 
 
 @pytest.mark.slow

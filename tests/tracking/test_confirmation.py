@@ -31,7 +31,7 @@ def test_an_object_has_gone_a_share_of_its_size_and_of_the_picture(
     for n in range(26):
         column = 0.5 + gone * n / 25
         one.new_detections.append((n / 25, 0.5, column, 0.5, column, 0.5, column, 0.01, 0.5, column))
-    assert travels_enough(one, empty_clutter_map(112, 199), 0.04, params) is is_one
+    assert travels_enough(one, empty_clutter_map(112, 199), params) is is_one
 
 
 @pytest.mark.parametrize(("dt", "waited"), [(0.04, 0.3), (0.32, 0.48)])

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import ndtorch
-from ndtorch.tracking.clutter import BIRTH, RADIUS, empty_clutter_map, is_particle_clutter
+from ndtorch.tracking.clutter import BIRTH, CLUTTER_WINDOW_S, RADIUS, empty_clutter_map, is_particle_clutter
 from ndtorch.tracking.confirmation import confirm
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import revoke_confirmation
@@ -39,8 +39,8 @@ def come(number: int, size: float, top: float, bottom: float, left: float, right
     return np.stack([np.arange(100.0, 100 + number), np.zeros(number), rows, columns, np.full(number, size)], 1)
 
 
-EVERYWHERE = round(1.2 * P.clutter_rate * P.clutter_window_s * WIDTH)
-CLOSE = round(1.2 * P.clutter_density * P.clutter_window_s * 4 * RADIUS**2)
+EVERYWHERE = round(1.2 * P.clutter_rate * CLUTTER_WINDOW_S * WIDTH)
+CLOSE = round(1.2 * P.clutter_density * CLUTTER_WINDOW_S * 4 * RADIUS**2)
 
 
 @pytest.mark.parametrize(

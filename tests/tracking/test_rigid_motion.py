@@ -54,9 +54,9 @@ def test_what_goes_along_with_its_box_moves_as_a_whole(contrast: float) -> None:
     one = followed(places, places, contrast)
     stayed, went = one.appearance_error
     assert went < 0.1 * stayed
-    assert is_rigid_motion(one, LIGHT, P) is (contrast > 0.1)
+    assert is_rigid_motion(one, LIGHT) is (contrast > 0.1)
     # What is pale needs more of that, and a darker scene has smaller differences.
-    assert is_rigid_motion(one, LIGHT / 4, P)
+    assert is_rigid_motion(one, LIGHT / 4)
 
 
 def patch_of(image: Any, background: Any, box: tuple[int, ...]) -> Any:

@@ -27,16 +27,13 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "clutter map": {"clutter_travel_factor": 1.0},
     "particles": {"clutter_rate": ENDLESS, "clutter_density": ENDLESS},
     "common fate": {"parent_area_ratio": ENDLESS},
-    "visible ratio": {"min_visible_ratio": 0.0},
     "shadow": {"shadow_min_ratio": 1.0},
     "half shadow": {"shadow_min_ratio": 0.5},
     "closing": {"closing_px": 0},
     "notch": {"split_notch_ratio": 0.0},
     "isolated blobs": {"min_area_isolated_ratio": 0.0005},
-    "splits": {"split_min_age_s": ENDLESS},
     "color": {"color_cost": 0.0},
     "color in groups": {"occlusion_color_cost": 0.0, "split_color_cost": 0.0},
-    "learning": {"learning_s": 0.0},
     "tentative": {"tentative_max_s": ENDLESS},
 }
 """Each rule, and the constants that switch it off."""
