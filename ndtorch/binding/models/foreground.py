@@ -293,10 +293,12 @@ class ForegroundModel(BindingModel):
         if work.features is None:
             work.features = self.features.start(seen.image, seen.background, tracker.labels)
         measured = self.features.measure(seen.image, seen.background, tracker.labels, work.features)
+        # What a moving object has just covered must not be learned: at one frame a second that is a tenth of it.
+        mask = tracker.object_mask(time, work.kept)
         update_background(background, seen.image, seen.noise, work.kept, self.dt, c.background)
         if ghosts is not None:
             np.copyto(background.mean, seen.image, where=ghosts)
-        return Step(measured, tracker.object_mask(time, work.kept), tracker.closed, False)
+        return Step(measured, mask, tracker.closed, False)
 
     def _new_scene(self, image: Floats, work: WorkBuffers) -> Step:
         """Everything that was followed is lost; a new scene begins as a film does."""

@@ -233,3 +233,12 @@ def test_of_a_quick_camera_so_many_pictures_are_one(group: int) -> None:
     _, after = run(film()[:12], max_fps=FPS)
     assert torch.equal(state.scene.tracker.labels, after.scene.tracker.labels)
     torch.testing.assert_close(state.scene.background.mean, after.scene.background.mean)
+
+
+@pytest.mark.parametrize("stands", [0, 6])
+def test_the_last_box_of_what_left_is_where_it_was_at_one_frame_a_second(stands: int) -> None:
+    there = passing(14, 12.0, first=5)
+    _, state = run(torch.cat([there, *[there[-1:]] * stands, *[ground()[None]] * 10]), fps=1.0)
+    (one,) = model(1.0).objects(state)
+    assert one.last_seen == 13 + stands
+    assert one.boxes[-1] == pytest.approx((96, 44, 120, 68), abs=2)
