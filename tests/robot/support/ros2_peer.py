@@ -2,11 +2,12 @@
 
     python ros2_peer.py DOMAIN [SECONDS]
 
-It sends a command and a goal, and ends when it has one message of every topic. With SECONDS it counts for that time
-instead, and prints rates and the ages of /odom.
+It sends a command and a goal until its stdin ends, and prints when it has one message of every topic. With SECONDS it
+counts for that time instead, and prints rates and the ages of /odom.
 """
 
 import json
+import select
 import sys
 import time
 from dataclasses import dataclass
@@ -198,16 +199,17 @@ def main(domain, seconds=None):
         return
     command = DataWriter(participant, Topic(participant, "rt/cmd_vel_smoothed", Twist_), qos=qos)
     goal = DataWriter(participant, Topic(participant, "rt/goal_pose", PoseStamped_), qos=qos)
-    got, end = {}, time.time() + 60
-    while len(got) < len(TOPICS) and time.time() < end:
+    got, said = {}, False
+    while not select.select([sys.stdin], [], [], 0.01)[0]:
         command.write(Twist_(Vector3_(0.3, 0.0, 0.0), Vector3_(0.0, 0.0, -0.6)))
         pose = Pose_(Point_(3.0, -1.5, 0.0), Quaternion_(0.0, 0.0, 0.0, 1.0))
         goal.write(PoseStamped_(Header_(Time_(0, 0), "map"), pose))
         for name, reader in readers.items():
             for message in reader.take(1):
                 got[name] = fields(message)
-        time.sleep(0.01)
-    print(json.dumps(got), flush=True)
+        if len(got) == len(TOPICS) and not said:
+            said = True
+            print(json.dumps(got), flush=True)
     del kept
 
 
