@@ -52,4 +52,5 @@ if not TYPE_CHECKING:
         },
         rooms=("binding", "navigation", "scenes", "vision"),
         moved={"VisualBinding": 'ndtorch.load("published")', "objects": "model.objects(state)"},
+        explain=True,
     )

@@ -90,6 +90,14 @@ def as_path(name: str, value: object) -> Path:
     return Path(value)
 
 
+def as_device(device: torch.device | str) -> torch.device:
+    """A device; raises `InputError` for a name that PyTorch does not know."""
+    try:
+        return torch.device(device)
+    except (RuntimeError, TypeError) as error:
+        raise InputError(f"device must be one of PyTorch, as cpu or cuda:0, got {repr(device)[:40]}") from error
+
+
 def check_kind(name: str, value: object, kind: type) -> None:
     """Raise `InputError` unless `value` is None or of that class."""
     if value is not None and not isinstance(value, kind):
@@ -97,7 +105,8 @@ def check_kind(name: str, value: object, kind: type) -> None:
 
 
 def check_state(state: Any, kind: type, *, meta: bool = False) -> None:
-    """Raise `InputError` unless `state` is None or a named tuple of that class whose own tensors hold numbers.
+    """Raise `InputError` unless `state` is None or a named tuple of that class whose own tensors hold numbers, none of
+    them NaN.
 
     Tuples within it are looked at by the module that they belong to, and sizes and types by filters. With `meta`,
     tensors on the device `meta` will do.
@@ -107,6 +116,13 @@ def check_state(state: Any, kind: type, *, meta: bool = False) -> None:
         for field, value in zip(state._fields, state, strict=True):
             if isinstance(value, Tensor):
                 check_dense(f"state.{field}", value, meta=meta)
+                if has_values(value) and value.is_floating_point() and holds_nan(value):
+                    raise InputError(f"state.{field} must be finite, got NaN")
+
+
+def holds_nan(value: Tensor) -> bool:
+    """Whether a floating point tensor holds NaN: a finite sum says that it does not."""
+    return not math.isfinite(value.detach().sum().item()) and bool(torch.isnan(value).any())
 
 
 def check_batch(state: Any, batch: tuple[int, ...], *names: str) -> None:

@@ -16,6 +16,7 @@ import ndtorch
 from ndtorch import vision
 from ndtorch.binding import BindingModel
 from ndtorch.errors import InputError
+from tests.public_calls import ODD, PACKAGES, calls_of, needed_by, places_of, public_things
 
 VALUES: tuple[Any, ...] = (
     *(None, True, "x", object(), 1.5, -1, 0, math.nan, 1e18, [None], torch.zeros(0), torch.zeros(3, 2, 7)),
@@ -52,3 +53,35 @@ def test_paths_are_text_or_paths(value: object, tmp_path: Path) -> None:
             call(value)  # type: ignore[arg-type]
     model.save(str(tmp_path / "text"))
     assert ndtorch.load(str(tmp_path / "text")).config == ndtorch.load(tmp_path / "text").config
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_public_call_answers_odd_values_in_one_line(
+    package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever it is given in place of one argument, what comes is an `InputError` or, for a value that it takes, an
+    answer. A tensor of another shape is for the calls themselves to refuse."""
+    pytest.importorskip("serial")
+    pytest.importorskip("rerun")
+    monkeypatch.chdir(tmp_path)
+    raw = []
+    for name, thing in public_things():
+        if name.rpartition(".")[0] != package:
+            continue
+        for method, call in calls_of(thing):
+            for place in places_of(call):
+                for value in ODD:
+                    given = {**needed_by(call), place.name: value}
+                    by_place = [given.pop(p.name) for p in places_of(call) if p.kind is p.POSITIONAL_ONLY]
+                    try:
+                        answer = call(*by_place, **given)
+                        if inspect.isgenerator(answer):
+                            next(answer, None)
+                    except OSError:  # the file system has its own words
+                        pass
+                    except InputError as error:
+                        if "\n" in str(error):
+                            raw.append(f"{name}{method}({place.name}={value!r:.20}): several lines")
+                    except Exception as error:
+                        raw.append(f"{name}{method}({place.name}={value!r:.20}): {type(error).__name__}: {error}")
+    assert not raw

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -74,6 +75,18 @@ def test_samples_that_are_kept_must_be_of_the_size_of_those_that_come(name: str,
     _, state = part.run(given)
     with pytest.raises(InputError, match=r"state\.\w+ must be \(2, .* as the input is"):
         part.run(given, spoiled(state, lambda x: change(x) if x.ndim else x))
+
+
+@pytest.mark.parametrize("name", sorted(set(WITH_STATE) - {"GridMap", "Navigator", "Controller"}))
+@torch.no_grad()
+def test_a_state_that_holds_nan_is_refused(name: str) -> None:
+    """Maps and whole navigators do not look for it at every step: files of maps are looked at when they are read."""
+    part = PARTS[name]
+    given = streams(part)
+    _, state = part.run(given)
+    bad = spoiled(state, lambda x: torch.full_like(x, math.nan) if x.is_floating_point() else x)
+    with pytest.raises(InputError, match=r"finite|state\."):
+        part.run(given, bad)
 
 
 OF_TRIALS = {

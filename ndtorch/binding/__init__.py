@@ -21,6 +21,7 @@ from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.spectrum import limit_spectral_radius, spectral_radius
 from ndtorch.binding.theory import separated, solutions
 from ndtorch.utils.lazy import lazy
+from ndtorch.utils.public_calls import explain_calls
 
 __all__ = [
     "ACTIVATIONS",
@@ -54,6 +55,8 @@ __all__ = [
     "train_first_stage",
     "weight_change",
 ]
+
+explain_calls(__name__, __all__)
 
 __getattr__ = lazy(
     __name__,

@@ -77,6 +77,8 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
     """
     if not limit > 0:
         raise InputError(f"limit must be a number > 0, got {limit}")
+    if weights.ndim < 2 or weights.shape[-1] != weights.shape[-2]:
+        raise InputError(f"weights must be [..., N, N], got {tuple(weights.shape)}")
     if torch.compiler.is_compiling():
         return always_limited(weights, limit)
     # rho(W)^4 = rho(W^4) <= |W^4|: much tighter than |W|, for weights to silent neurons die out in the powers.

@@ -40,6 +40,7 @@ from ndtorch.navigation.stereo.rig import Rect, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
 from ndtorch.navigation.stereo.strips import Strips, cut_strips
 from ndtorch.utils.lazy import lazy
+from ndtorch.utils.public_calls import explain_calls
 
 __all__ = [
     "ARRIVED",
@@ -81,6 +82,8 @@ __all__ = [
     "make_controller",
     "save_map",
 ]
+
+explain_calls(__name__, __all__)
 
 __getattr__ = lazy(
     __name__,

@@ -119,4 +119,5 @@ if not TYPE_CHECKING:
             ),
             "ndtorch.scenes.video_writer": ("VideoWriter",),
         },
+        explain=True,
     )

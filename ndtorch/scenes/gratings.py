@@ -11,6 +11,7 @@ from torch import Tensor
 from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
 from ndtorch.scenes.base import FrameSource
+from ndtorch.scenes.rendered import check_chunks
 
 
 def bar_coverage(position: Tensor, bar: float, period: float, width: int) -> Tensor:
@@ -75,6 +76,7 @@ class MovingGrating(FrameSource):
         self.phases = torch.tensor(list(phases), dtype=torch.float64)
 
     def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        check_chunks(frames, start)
         assert self.length is not None
         for first in range(start, self.length, frames):
             # Double precision for the places, so that frame 10 000 is as well placed as frame 0.
@@ -128,6 +130,7 @@ class FlickeringGrating(FrameSource):
         self._still = next(still.chunks(1))[0, 0].to(torch.float64)
 
     def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        check_chunks(frames, start)
         assert self.length is not None
         for first in range(start, self.length, frames):
             time = torch.arange(first, min(first + frames, self.length), dtype=torch.float64) / self.fps

@@ -75,7 +75,7 @@ def make_scene(name: str, **options: Any) -> FrameSource:
     >>> make_scene('two-bars', seconds=1.0, phase=60).length
     100
     """
-    if name not in SCENES:
+    if not isinstance(name, str) or name not in SCENES:
         raise InputError(f"scene must be one of {', '.join(SCENES)}; got {name!r}{did_you_mean(name, SCENES)}")
     scene = SCENES[name]
     known = list(inspect.signature(scene.build).parameters)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import MOST_PIXELS, is_finite, is_whole
+from ndtorch.arguments import MOST_PIXELS, as_device, is_finite, is_whole
 from ndtorch.errors import InputError
 from ndtorch.scenes.base import FrameSource
 from ndtorch.utils.tensors import keep_freed_memory
@@ -45,7 +45,7 @@ class RenderedScene(FrameSource):
         self.fps = float(fps)
         self.size = check_size(size)
         self.length = max(1, round(seconds * fps))
-        self.device = torch.device(device)
+        self.device = as_device(device)
         keep_freed_memory()
 
     @abstractmethod

@@ -8,7 +8,11 @@ from typing import Any
 
 
 def lazy(
-    package: str, names: Mapping[str, Sequence[str]], rooms: Sequence[str] = (), moved: Mapping[str, str] | None = None
+    package: str,
+    names: Mapping[str, Sequence[str]],
+    rooms: Sequence[str] = (),
+    moved: Mapping[str, str] | None = None,
+    explain: bool = False,
 ) -> Callable[[str], Any]:
     """The `__getattr__` of a package that imports nothing by itself.
 
@@ -17,6 +21,7 @@ def lazy(
         names: for every module, the public names that come from it.
         rooms: sub-packages and modules that are there without an import of their own.
         moved: names that are no more, and what takes their place.
+        explain: whether calls explain wrong arguments, see `ndtorch.utils.public_calls`.
 
     Returns:
         What gives a name its value, and raises AttributeError for a name that is not public.
@@ -25,7 +30,8 @@ def lazy(
 
     def attribute(name: str) -> Any:
         if name in module_of:
-            return getattr(import_module(module_of[name]), name)
+            value = getattr(import_module(module_of[name]), name)
+            return import_module("ndtorch.utils.public_calls").explained(value) if explain else value
         if name in rooms:
             return import_module(f"{package}.{name}")
         if moved is not None and name in moved:

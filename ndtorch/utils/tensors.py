@@ -10,6 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ndtorch.errors import InputError
+
 Tree = TypeVar("Tree")
 
 
@@ -52,6 +54,8 @@ def mapped(tree: Tree, function: Callable[[str, Tensor], Tensor], prefix: str = 
 
 def parts(tree: Any) -> list[tuple[str, Any]]:
     """Names and parts of one tuple."""
+    if not isinstance(tree, tuple | list):
+        raise InputError(f"state must be a nested tuple of tensors, got {type(tree).__name__}")
     names = tree._fields if hasattr(tree, "_fields") else map(str, range(len(tree)))
     return list(zip(names, tree, strict=True))
 

@@ -31,6 +31,12 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     renamed: ClassVar[Mapping[str, str]] = {}
 
+    def __init__(self, **data: Any) -> None:
+        try:
+            super().__init__(**data)
+        except ValidationError as error:
+            raise InputError(f"{type(self).__name__}: {what_is_wrong(error, type(self))}") from None
+
     @field_validator("*", mode="before")
     @classmethod
     def check_no_truth(cls, value: Any, info: ValidationInfo) -> Any:

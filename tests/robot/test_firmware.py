@@ -88,6 +88,18 @@ COMPILERS = ["cc", pytest.param("avr-gcc -mmcu=atmega328p", marks=needs_board)]
     [
         ("BATTERY_EMPTY_MV", "0", True),  # never stop
         ("BATTERY_EMPTY_MV", "900", False),
+        ("ROBOT_NAME", '"short"', False),
+        ("MIN_PULSE_US", "499", False),
+        ("MAX_PULSE_US", "2501", False),
+        ("MOTOR_BRAKE_US", "(MIN_PULSE_US - 1)", False),
+        ("MOTOR_TAP_US", "(MOTOR_BRAKE_US - 1)", False),
+        ("MOTOR_TAP_US", "(MOTOR_NEUTRAL_US - MOTOR_DEAD_BAND_US)", False),
+        ("MOTOR_NEUTRAL_US", "MAX_PULSE_US", False),
+        ("FRONT_NEUTRAL_US", "MIN_PULSE_US", False),
+        ("REAR_NEUTRAL_US", "MAX_PULSE_US", False),
+        ("MAX_SPEED_MM_S", "5001", False),
+        ("MAX_CURVATURE_1_KM", "10001", False),
+        ("BATTERY_LOW_SPEED_MM_S", "(MAX_SPEED_MM_S + 1)", False),
         ("BATTERY_LOW_SPEED_MM_S", "MAX_SPEED_MM_S", True),  # no limit
         ("BATTERY_ABSENT_MV", "0", True),
         ("BATTERY_ABSENT_MV", "(-1)", False),

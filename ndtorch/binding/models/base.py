@@ -59,9 +59,9 @@ def of_own_state(read: Callable[..., Any]) -> Callable[..., Any]:
     """A method that reads states, for states of its own model alone."""
 
     @wraps(read)
-    def checked(model: BindingModel, state: Any, *more: Any) -> Any:
+    def checked(model: BindingModel, state: Any, *more: Any, **named: Any) -> Any:
         model.check_own(state)
-        return read(model, state, *more)
+        return read(model, state, *more, **named)
 
     return checked
 

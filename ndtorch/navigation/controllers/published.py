@@ -393,7 +393,9 @@ class SaccadeController(Controller):
         """As `Controller.fields`."""
         return self.rects
 
-    def forward(self, left: Any, right: Any, state: SaccadeState | None = None) -> tuple[Command, SaccadeState]:
+    def forward(
+        self, left: np.ndarray[Any, Any], right: np.ndarray[Any, Any], state: SaccadeState | None = None
+    ) -> tuple[Command, SaccadeState]:
         check_kind("state", state, SaccadeState)
         sides, low = self.see(array_frames(left, right, self.size), state and state.low)
         left_speed, right_speed = sides.tolist()

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_dense
+from ndtorch.arguments import check_dense, is_whole
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
@@ -50,6 +50,8 @@ def row_rect(rig: StereoRig, rows: int = 1) -> Rect:
     Raises:
         InputError: rows beyond the border of the frame.
     """
+    if not (is_whole(rows) and rows >= 1):
+        raise InputError(f"rows must be a whole number of at least 1, got {rows}")
     top, bottom = rig.row - rows // 2, rig.row + rows // 2 + 1
     if top < 0 or bottom > rig.height:
         raise InputError(f"{rows} rows around the horizon, row {rig.row}, leave frames of {rig.height} rows")

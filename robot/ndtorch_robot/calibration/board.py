@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ndtorch.arguments import check_numbers
+from ndtorch.arguments import as_path, check_numbers
 from ndtorch.errors import InputError
 from ndtorch.scenes.image_folder import FolderReader
 from ndtorch_robot.cameras.source import Image
@@ -68,6 +68,8 @@ def find_corners(image: Image, board: Board) -> Points | None:
     """
     import cv2
 
+    if image.dtype != np.uint8 or image.ndim not in (2, 3) or 0 in image.shape or image.shape[2:] not in ((), (3,)):
+        raise InputError(f"image must be uint8 [h, w] or [h, w, 3], got {image.dtype} {list(image.shape)}")
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     size = (board.columns, board.rows)
     found, corners = cv2.findChessboardCorners(grey, size)
@@ -95,17 +97,18 @@ def find_view(left: Image, right: Image, board: Board) -> View | None:
 
 
 def find_views(pairs: Iterable[tuple[Image, Image]], board: Board) -> Iterator[View | None]:
-    return (find_view(left, right, board) for left, right in pairs)
+    for left, right in pairs:
+        yield find_view(left, right, board)
 
 
-def folder_pairs(left: Path, right: Path) -> list[tuple[Path, Path]]:
+def folder_pairs(left: str | Path, right: str | Path) -> list[tuple[Path, Path]]:
     """Pictures of two folders, in natural order, side by side.
 
     Raises:
         InputError: a folder that is not there, holds no images, or another number than the other one.
     """
     files = []
-    for folder in (left, right):
+    for folder in (as_path("left", left), as_path("right", right)):
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder")
         files.append(FolderReader(folder).files)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from ndtorch.arguments import as_path
 from ndtorch.errors import InputError
 from ndtorch.utils.files import write_text
 from ndtorch.utils.toml import Strict, read_toml
@@ -121,16 +122,16 @@ class Calibration(Strict):
         return np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]], np.float64)
 
 
-def read_calibration(path: Path) -> Calibration:
+def read_calibration(path: str | Path) -> Calibration:
     """Read a calibration.
 
     Raises:
         InputError: a file that cannot be read, or is no calibration.
     """
-    return read_toml(path, Calibration)
+    return read_toml(as_path("path", path), Calibration)
 
 
-def write_calibration(calibration: Calibration, path: Path) -> None:
+def write_calibration(calibration: Calibration, path: str | Path) -> None:
     """Write a calibration as TOML: a file of the same numbers is the same to the byte.
 
     Raises:
@@ -138,6 +139,7 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
     """
     import tomli_w
 
+    path = as_path("path", path)
     text = "# Two cameras, measured with a chessboard by `ndtorch calibrate`.\n" + tomli_w.dumps(
         calibration.model_dump(mode="json")
     )

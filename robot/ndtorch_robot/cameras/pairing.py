@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ndtorch.errors import InputError
 from ndtorch_robot.cameras.source import Image
 
 
@@ -85,6 +86,8 @@ class Pairing:
     def __init__(self, tolerance: float, kept: int = 3000) -> None:
         from collections import deque
 
+        if kept < 0 or tolerance < 0:
+            raise InputError(f"tolerance and kept must be >= 0, got {tolerance:g} and {kept}")
         self.tolerance = tolerance
         self.newest: list[Frame | None] = [None, None]
         self.free = [False, False]

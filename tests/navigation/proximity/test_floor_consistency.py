@@ -47,3 +47,19 @@ def test_one_thing_that_cannot_be_takes_no_other_with_it():
     near = Obstacles(x, np.repeat(np.float32([0.0, 0.1]), 5))
     kept = reject_unoccluded(near, *OPEN, RECTS, RIG, ProximityParams())
     assert np.allclose(kept.x, RIG.forward + 0.7)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_floor_is_compared_from_the_first_to_the_last_column_of_a_thing_and_no_further(mirrored):
+    """Eleven places, 7 columns apart: floor of which the outer half is broken hides behind them, floor broken beside
+    them does not."""
+    depth, column = 0.45, 440 + 7 * np.arange(11)
+    aside = RIG.baseline / 2 - (column - RIG.center[0]) * depth / RIG.focal
+    near = Obstacles(np.full(11, RIG.forward + depth, np.float32), aside.astype(np.float32))
+    for broken, kept in ((column < 475, 11), (np.zeros(11, bool), 0)):
+        at = np.arange(RECTS[0].left, RECTS[0].right)
+        outside = (at < column[0] - 10) | (at > column[-1] + 10)
+        inside = np.isin(at, column[broken ^ mirrored][:, None] + np.arange(-9, 4)) if broken.any() else outside
+        left, right = OPEN[0].copy(), OPEN[1]
+        left[:, inside] = np.random.default_rng(0).uniform(0, 1, left[:, inside].shape)
+        assert len(reject_unoccluded(near, left, right, RECTS, RIG, ProximityParams()).x) == kept

@@ -1,6 +1,7 @@
 """Both cameras see one floor, or they do not any more."""
 
 import functools
+import math
 
 import cv2
 import numpy as np
@@ -157,6 +158,30 @@ def test_a_near_wall_hides_the_floor_of_good_cameras():
     assert mine.without == 0
     look(mine, 3, lambda *_: upside_down(left, right), begin=100)
     assert mine.without == 3
+
+
+@pytest.mark.parametrize(("upright", "one"), [(1.0, True), (0.87, True), (0.82, False)])
+def test_a_floor_must_match_better_by_a_margin_than_upside_down(upright, one):
+    """A picture that holds itself upside down too, as a smooth wall does, correlates with both as it is mixed."""
+    left, right = (picture - 128 for picture in floor(0.0))
+    mixed = upright * right + math.sqrt(1 - upright**2) * right[::-1, ::-1]
+    mine, pair = judge(), strips(128 + left, 128 + mixed)
+    eyes = [one_color(eye.field).astype(np.float32) / 255 for eye in pair]
+    kept, turned = (mine.correlation(eyes[0], eye, mine.params) for eye in (eyes[1], eyes[1][::-1, ::-1]))
+    assert kept > 0.75
+    assert (kept - turned > 0.3) is one
+    assert mine.compare(*pair, (0.0, 0.0)) is one
+
+
+@pytest.mark.parametrize(("begin", "one"), [(0.34, True), (0.2, False)])
+def test_floor_counts_up_to_30_cm_beside_the_middle_of_the_car(begin, one):
+    """Beyond, the right camera sees another one."""
+    left, right = floor(0.0)
+    rows, columns = np.mgrid[RECTS[1].top : RECTS[1].bottom, RECTS[1].left : RECTS[1].right]
+    ahead = RIG.focal * RIG.camera_height / (rows - (RIG.height - 1) / 2)
+    aside = ahead * ((RIG.width - 1) / 2 - columns) / RIG.focal - RIG.baseline / 2
+    right = np.where(np.abs(aside) < begin, right, floor(3.0)[1])
+    assert judge().compare(*strips(left, right), (0.0, 0.0)) is one
 
 
 def test_the_car_is_stopped_and_may_be_told_to_go_on():
