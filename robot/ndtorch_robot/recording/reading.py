@@ -16,6 +16,7 @@ from mcap.records import Channel, Chunk, Message, Metadata
 from mcap.stream_reader import MAGIC_SIZE, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
+from ndtorch.arguments import as_path
 from ndtorch.errors import InputError
 from ndtorch.utils.files import open_regular
 from ndtorch_robot import ros_messages as ros
@@ -146,12 +147,13 @@ def records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
             return
 
 
-def open_recording(path: Path) -> Recording:
+def open_recording(path: str | Path) -> Recording:
     """Open a recording.
 
     Raises:
         InputError: what is none, or one of another version.
     """
+    path = as_path("path", path)
     if path.is_dir() and (path / "recording.json").exists():
         raise InputError(f"{path} {OLD}")
     try:

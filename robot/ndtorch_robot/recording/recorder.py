@@ -15,6 +15,7 @@ from typing import Any, Literal, NamedTuple
 from mcap.writer import Writer
 from torch import Tensor
 
+from ndtorch.arguments import as_path
 from ndtorch.errors import InputError
 from ndtorch.navigation import GridMap, Pose, Ranges, cut_strips
 from ndtorch.navigation.mapping.grid_map import GridMapState
@@ -112,7 +113,7 @@ class Recorder(Closing):
 
     def __init__(
         self,
-        path: Path,
+        path: str | Path,
         runner: NavigatorRunner | None = None,
         *,
         queue: int = 60,
@@ -120,6 +121,7 @@ class Recorder(Closing):
         report: Report | None = None,
         reserve: int = RESERVE,
     ) -> None:
+        path = as_path("path", path)
         if queue < 1 or path.suffix != ".mcap":
             raise InputError(f"expected a file NAME.mcap and queue >= 1, got {path} and {queue}")
         self.path, self.runner = path, runner

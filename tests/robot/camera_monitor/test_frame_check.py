@@ -190,6 +190,28 @@ def test_pictures_may_move_while_the_board_shifts():
     assert judged(lambda n: -0.3 if 30 < n <= 40 else 0.0) == (None, "")
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.3, 0.9])
+def test_a_push_within_a_second_after_go_is_told_when_the_second_is_over(delay):
+    """Until then it may be the board that shifts. A push that is over in the first half of it is not told."""
+    go = 30
+
+    def judged(until):
+        check = FrameCheck(RIG, RATE, 0.1)
+        for n, part in enumerate(drive(3.0, moving=False)):
+            slid = min(max(0, n - go - delay * RATE), (until - delay) * RATE)
+            why = check.judge(
+                frames([np.roll(p, -SLIDE * int(slid), 1) for p in part], n), 0.0, n / RATE, 0.0, 0.3 * (n > go)
+            )
+            if why is not None:
+                return (n - go) / RATE, why.message
+        return None, ""
+
+    after, why = judged(9.0)
+    assert 1.0 <= after <= 1.3
+    assert "wheels stand" in why
+    assert delay > 0.5 or judged(0.5) == (None, "")
+
+
 def test_the_drive_says_what_the_car_was_told():
     """Of two cars whose pictures move while they are said to stand, only the one that was told nothing is stopped."""
     for speed in (0.0, 0.3):
