@@ -203,6 +203,26 @@ class CommonFate(Seeded):
 
 
 @dataclass(frozen=True)
+class ObjectVideos(Seeded):
+    """Score masks and identities of objects in short videos, as benchmarks of object-centric learning do."""
+
+    folder: Annotated[Path | None, tyro.conf.Positional] = None
+    """Folder with SET.npz, each with frames and masks; without one, videos are drawn."""
+    methods: tuple[str, ...] = ("layers", "colors")
+    """Methods to compare."""
+    sets: tuple[str, ...] = ("spmot", "vmds", "texvmds")
+    """Sets of videos: pure colors on black, random colors, textures."""
+    videos: int = 30
+    """Number of videos of each set."""
+
+    def benchmark(self) -> Benchmark:
+        """The videos."""
+        from ndtorch_train.benchmark.object_videos import object_video_benchmark
+
+        return object_video_benchmark(self.folder, self.methods, self.sets, self.videos, self.split)
+
+
+@dataclass(frozen=True)
 class Ranges(Options):
     """Score ranges of single rows on stereo pairs with ground truth, beside OpenCV's semi-global matching."""
 
@@ -220,7 +240,7 @@ class Ranges(Options):
 
 @dataclass(frozen=True)
 class BenchmarkCommand:
-    """Score models and peers: scenes, hard, over-time, foreground, common-fate or ranges.
+    """Score models and peers: scenes, hard, over-time, foreground, common-fate, object-videos or ranges.
 
     Every benchmark writes NAME.csv, NAME.md, an image and report.html, and goes on where it was stopped. Choose
     constants on the split `tune` and report the split `test`: their seeds have none in common.
@@ -232,6 +252,7 @@ class BenchmarkCommand:
         "over-time": OverTime,
         "foreground": Foreground,
         "common-fate": CommonFate,
+        "object-videos": ObjectVideos,
         "ranges": Ranges,
     }
 
