@@ -118,7 +118,7 @@ def read_car(path: Path) -> Any:
     from ndtorch_robot.run_config import RunConfig
 
     config = read_toml(path, RunConfig)
-    return config, config.rig
+    return config, config.stereo_rig()
 
 
 def read_drive(path: Path) -> Any:

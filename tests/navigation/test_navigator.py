@@ -160,7 +160,8 @@ def test_cuda():
 def test_filters_that_begin_anew_see_no_motion_in_their_first_frame(controller):
     """After a fault: all else goes on."""
     left, right = ((255 * eye).to(torch.uint8) for eye in frames(3, 1, steps=10))
-    navigator, moved = Navigator(RIG, DT, controller=controller), Command(torch.full((8,), 0.2), torch.full((8,), 0.1))
+    navigator = Navigator(RIG, DT, controller=controller, features=FeatureParams())
+    moved = Command(torch.full((8,), 0.2), torch.full((8,), 0.1))
     _, state = navigator(left[0, :8], right[0, :8], None, moved)
     now = Command(torch.tensor([0.2]), torch.tensor([0.1]))
     _, usual = navigator(left[0, 8:9], right[0, 8:9], state, now)
