@@ -20,11 +20,11 @@ from ndtorch.navigation.localisation.localiser import Localiser
 from ndtorch.navigation.localisation.state import LocaliserState, frame_pose
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
+from ndtorch.navigation.mapping.grid_map import in_tensors
 from ndtorch.navigation.mapping.map_rendering import log_ranges
 from ndtorch.navigation.mapping.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
-from ndtorch.navigation.proximity.check import ProximityCheck
-from ndtorch.navigation.proximity.schedule import ProximitySchedule
+from ndtorch.navigation.proximity.check import ProximityCheck, ProximitySchedule
 from ndtorch.navigation.state import NavigatorState, all_cars, check_cars, check_like, check_motion, one_car, place_of
 from ndtorch.navigation.stereo.correspondence import MatchParams
 from ndtorch.navigation.stereo.features import FeatureParams
@@ -289,12 +289,16 @@ class Navigator(nn.Module):
         """Fill the map, the observation list and the tracks, as far as there are any."""
         if not self.has_memory:
             return state
-        ranges, poses = in_tensors(state.ranges, state.place)
+        ranges, poses = state.ranges, state.place
         grid, seen, tracks = state.map, state.observations, state.tracks
+        if self.backend == "torch":
+            ranges, poses = Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(x.unsqueeze(-1) for x in poses))
         if self.grid_map is not None:
             grid = self.grid_map.update(ranges, poses, grid)
-            if state.located is not None:
-                grid = log_ranges(grid, ranges, [frame_pose(state.located)])
+        if self.backend == "numba" and (self.observations or self.tracker or state.located):
+            ranges, poses = in_tensors(ranges, poses)
+        if grid is not None and state.located is not None:
+            grid = log_ranges(grid, ranges, [frame_pose(state.located)])
         if self.observations is not None:
             _, seen = self.observations(ranges, poses, seen)
         if self.tracker is not None:
@@ -362,10 +366,3 @@ def as_tensor(values: Sequence[float]) -> Tensor:
 def in_time(values: Sequence[Tensor]) -> Tensor:
     """Values `[...]` of frame after frame as `[..., T]`."""
     return torch.stack(list(values), -1)
-
-
-def in_tensors(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
-    """Ranges `[..., 1, n]` and poses `[..., 1]` of one frame, for the maps."""
-    if isinstance(ranges.x, Tensor):
-        return Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(part.unsqueeze(-1) for part in pose))
-    return Ranges(*(torch.from_numpy(part[None]) for part in ranges)), Pose(*torch.tensor(pose).unsqueeze(-1).unbind())

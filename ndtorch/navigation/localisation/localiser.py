@@ -9,7 +9,7 @@ from torch import Tensor, from_numpy
 
 from ndtorch.arguments import check_number, check_state
 from ndtorch.errors import InputError
-from ndtorch.navigation.localisation import pose_filter, relocalisation, scan_log, submap, wheel_odometry
+from ndtorch.navigation.localisation import pose_filter, relocalisation, submap, wheel_odometry
 from ndtorch.navigation.localisation._kernels import Cells
 from ndtorch.navigation.localisation.loop_closure import accept_and_optimise, match_submaps
 from ndtorch.navigation.localisation.ndt import Scan, add_scan, empty_map, match_scan
@@ -17,8 +17,7 @@ from ndtorch.navigation.localisation.odometry_edge import integrate
 from ndtorch.navigation.localisation.params import LocaliserParams
 from ndtorch.navigation.localisation.pose_graph import Floats, compose_poses, relative_pose
 from ndtorch.navigation.localisation.relocalisation import Relocalisation, no_search
-from ndtorch.navigation.localisation.scan_log import ScanLog
-from ndtorch.navigation.localisation.state import LocaliserState, add_variance, calibration_of, since_scan
+from ndtorch.navigation.localisation.state import LocaliserState, ScanLog, add_variance, calibration_of, since_scan
 from ndtorch.navigation.localisation.submap import SubmapGraph
 from ndtorch.navigation.localisation.visual_odometry import Rows, estimate_motion, keyframe
 from ndtorch.navigation.odometry import Pose
@@ -47,7 +46,7 @@ class Localiser:
     NDT, and an extended Kalman filter weighs the match against odometry and corrects the remaining scale, bend and
     drift (`pose_filter`). Then the scan is added to the map. Every few metres a submap is finished and matched with
     those it overlaps, one a step; accepted matches close loops in a pose graph, which moves all submaps and the car
-    (`submap`, `loop_closure`). The first minutes are replayed with the calibration learned by then (`scan_log`). A
+    (`submap`, `loop_closure`). The first minutes are replayed with the calibration learned by then (`ScanLog`). A
     loop is closed if its error is below about a cell and a half; there is no search for loops beyond that.
 
     Called once a frame, `state = localiser(rows, reckoned, state)`, for one car.
@@ -178,7 +177,7 @@ class Localiser:
             heading_travelled=state.heading_travelled + true_turn,
             relocalisation=search,
             graph=graph,
-            log=None if log is None else scan_log.drive(log, length, seconds),
+            log=None if log is None else log.drive(length, seconds),
         )
 
     def process_scan(self, rows: Rows, state: LocaliserState) -> LocaliserState:
@@ -192,7 +191,7 @@ class Localiser:
             return state  # a standing car sees the same again
         keep = log is not None and (log.seconds > 0 or state.age < self.settle)
         if log is not None and keep:
-            state = state._replace(log=scan_log.add_entry(log, scan, state.age, state.odometry, variance))
+            state = state._replace(log=log.add(scan, state.age, state.odometry, variance))
         return self.integrate_scan(state, scan, keep)
 
     def scan(self, rows: Rows) -> Scan:
@@ -253,9 +252,7 @@ class Localiser:
         """Replay the scan log where it is due, one scan or one pair of submaps a call."""
         p, again = self.params.replay, log.replay
         if again is None:
-            return (
-                state._replace(log=log._replace(replay=self.restart(state, log))) if scan_log.is_due(log, p) else state
-            )
+            return state._replace(log=log._replace(replay=self.restart(state, log))) if log.is_due(p) else state
         assert again.graph is not None
         if len(again.graph.candidates):
             again = self.close_loops(again, again.graph)
@@ -266,7 +263,7 @@ class Localiser:
             log = log._replace(position=log.position + 1)
         else:
             again = self.move(again, state.odometry, log.seconds)
-            return again._replace(age=state.age, wheels=state.wheels, log=scan_log.finish_replay(log, p))
+            return again._replace(age=state.age, wheels=state.wheels, log=log.finish_replay(p))
         return state._replace(log=log._replace(replay=again))
 
     def restart(self, state: LocaliserState, log: ScanLog) -> LocaliserState:

@@ -8,15 +8,75 @@ import numpy as np
 import torch
 
 from ndtorch.navigation.localisation._kernels import Cells
+from ndtorch.navigation.localisation.ndt import Scan
+from ndtorch.navigation.localisation.params import ReplayParams
 from ndtorch.navigation.localisation.pose_graph import Floats, compose_poses, relative_pose
 from ndtorch.navigation.localisation.relocalisation import Relocalisation
-from ndtorch.navigation.localisation.scan_log import ScanLog
 from ndtorch.navigation.localisation.submap import Calibration, SubmapGraph
 from ndtorch.navigation.localisation.wheel_odometry import WheelCalibration
 from ndtorch.navigation.mapping.range_log import FramePose, Frames
 
 KNOWN_MAP = -1.0
 """Number of the frame of a known map, which never moves."""
+
+
+class LogEntry(NamedTuple):
+    """A scan and the odometry that led to it.
+
+    Attributes:
+        age: steps since the start.
+        odometry: pose by corrected odometry, `[3]`.
+        seconds: duration of driving since the entry before.
+        scan: the scan.
+        variance: of distance and turn since the entry before, `[2]`.
+    """
+
+    age: int
+    odometry: Floats
+    seconds: float
+    scan: Scan
+    variance: Floats
+
+
+class ScanLog(NamedTuple):
+    """Log of the scans since the start, replayed once the odometry is calibrated.
+
+    The first scans are placed with an uncalibrated odometer, and all later ones are matched to them. So the log is
+    replayed with the calibration learned by then, one scan a step beside the driving, and its result replaces the
+    first one.
+
+    Attributes:
+        entries: in their order, without those of a standing car.
+        distance, seconds: driven since the start, m, and since the last entry, s.
+        replays: number of replays made.
+        replay: state of the replaying localiser; None while there is none.
+        position: number of entries replayed.
+    """
+
+    entries: tuple[LogEntry, ...] = ()
+    distance: float = 0.0
+    seconds: float = 0.0
+    replays: int = 0
+    replay: LocaliserState | None = None
+    position: int = 0
+
+    def drive(self, distance: float, seconds: float) -> ScanLog:
+        """The log after a step."""
+        return self._replace(distance=self.distance + distance, seconds=self.seconds + seconds)
+
+    def add(self, scan: Scan, age: int, odometry: Floats, variance: Floats) -> ScanLog:
+        """The log with one more scan."""
+        entry = LogEntry(age, odometry, self.seconds, scan, variance)
+        return self._replace(entries=(*self.entries, entry), seconds=0.0)
+
+    def is_due(self, params: ReplayParams) -> bool:
+        """Whether a replay is to begin."""
+        return self.distance >= params.after_m[self.replays]
+
+    def finish_replay(self, params: ReplayParams) -> ScanLog | None:
+        """The log after a replay; None after the last one."""
+        replays = self.replays + 1
+        return self._replace(replays=replays, replay=None, position=0) if replays < len(params.after_m) else None
 
 
 class LocaliserState(NamedTuple):

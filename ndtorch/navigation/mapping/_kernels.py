@@ -18,75 +18,86 @@ class Rays(NamedTuple):
     valid: Array
 
 
-class Samples(NamedTuple):
-    """`BeamTable` as arrays: `[2, S]` and `[S]`."""
+class MapTables(NamedTuple):
+    """`BeamTable` as arrays, `[2, S]` and `[S]`, and what each row and column adds to the index of a cell."""
 
     tangent: Array
     weight: Array
-
-
-class Beams(NamedTuple):
-    """Baseline and place of the cameras ahead of the body's origin, m, and space constant of the beams, m."""
-
-    baseline: float
-    forward: float
-    reach: float
-
-
-class Lattice(NamedTuple):
-    """x and y where cell 0 begins, side of a cell, m, and what rows and columns add to the index of a cell."""
-
-    left: float
-    bottom: float
-    cell: float
     down: Array
     across: Array
 
 
+class MapNumbers(NamedTuple):
+    """Baseline and place of the cameras ahead of the body's origin, m, space constant of the beams, m, x and y where
+    cell 0 begins, and side of a cell, m."""
+
+    baseline: float
+    forward: float
+    reach: float
+    left: float
+    bottom: float
+    cell: float
+
+
 @jit
 def beam_cells(
-    rays: Rays,
-    samples: Samples,
-    beams: Beams,
-    pose: tuple[float, float, float],
-    lattice: Lattice,
-    numbers: Array,
-    weights: Array,
+    rays: Rays, pose: tuple[float, float, float], tables: MapTables, map_numbers: Array, numbers: Array, weights: Array
 ) -> int:
     """Cells and certainties of one frame's features: `sample_certainty`, `to_world` and `GridMap.numbers` in one pass.
 
     Args:
+        map_numbers: `packed` `MapNumbers`.
         numbers, weights: filled with indices of cells and certainties per area, `[n * S]`.
 
     Returns:
         How many there are; features that are not valid have none.
     """
-    kind, count = weights.dtype.type, 0
-    nearest = kind(beams.baseline / 100.0)
+    kind, count, m = weights.dtype.type, 0, map_numbers[0]
+    baseline, forward, decay, half = kind(m.baseline), kind(m.forward), kind(-1 / m.reach), kind(m.baseline / 2)
+    nearest = kind(m.baseline / 100.0)
     cos, sin = kind(math.cos(pose[2])), kind(math.sin(pose[2]))
     here, there = kind(pose[0]), kind(pose[1])
-    begin, bottom, per = kind(lattice.left), kind(lattice.bottom), kind(1 / lattice.cell)
-    last_row, last_column = kind(lattice.down.shape[0] - 1), kind(lattice.across.shape[0] - 1)
-    scale = kind(1 / lattice.cell**2)
+    begin, bottom, per = kind(m.left), kind(m.bottom), kind(1 / m.cell)
+    last_row, last_column = kind(tables.down.shape[0] - 1), kind(tables.across.shape[0] - 1)
+    scale = kind(1 / m.cell**2)
     for i in range(rays.valid.shape[0]):
         if not rays.valid[i]:
             continue
         left_tan, right_tan = kind(math.tan(rays.left_angle[i])), kind(math.tan(rays.right_angle[i]))
-        for s in range(samples.weight.shape[0]):
-            one, other = samples.tangent[0, s], samples.tangent[1, s]
+        for s in range(tables.weight.shape[0]):
+            one, other = tables.tangent[0, s], tables.tangent[1, s]
             left = (left_tan + one) / (kind(1) - left_tan * one)
             right = (right_tan + other) / (kind(1) - right_tan * other)
-            x = kind(beams.baseline) / max(right - left, nearest)
+            x = baseline / max(right - left, nearest)
             far, near = left * left + kind(1), right * right + kind(1)
-            falloff = kind(math.exp((kind(math.sqrt(far)) + kind(math.sqrt(near))) * x * kind(-1 / beams.reach)))
-            weights[count] = falloff * (x * x * x * (far * near)) * samples.weight[s] * scale
-            aside = left * x + kind(beams.baseline / 2)
-            x += kind(beams.forward)
+            falloff = kind(math.exp((kind(math.sqrt(far)) + kind(math.sqrt(near))) * x * decay))
+            weights[count] = falloff * (x * x * x * (far * near)) * tables.weight[s] * scale
+            aside = left * x + half
+            x += forward
             column = min(max((here + cos * x - sin * aside - begin) * per, kind(0)), last_column)
             row = min(max((there + sin * x + cos * aside - bottom) * per, kind(0)), last_row)
-            numbers[count] = lattice.down[int(row)] + lattice.across[int(column)]
+            numbers[count] = tables.down[int(row)] + tables.across[int(column)]
             count += 1
     return count
+
+
+@jit
+def touched_tiles(numbers: Array, cells: int, slots: Array, touched: Array) -> int:
+    """Number the tiles that hold cells of these indices; returns how many there are.
+
+    Args:
+        numbers: indices of cells, `[k]`; a tile has so many `cells`.
+        slots: `[count]`, -1 for every tile of the grid; becomes the number of those that are touched.
+        touched: becomes the tiles in the order of their numbers.
+    """
+    found = 0
+    for i in range(numbers.shape[0]):
+        tile = numbers[i] // cells
+        if slots[tile] < 0:
+            slots[tile] = found
+            touched[found] = tile
+            found += 1
+    return found
 
 
 @jit

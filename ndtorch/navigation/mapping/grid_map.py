@@ -6,19 +6,21 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_numbers, check_state, check_tensor, surely_finite
 from ndtorch.errors import InputError
-from ndtorch.navigation.mapping._kernels import Beams, Lattice, Rays, Samples, beam_cells
+from ndtorch.navigation.mapping._kernels import MapNumbers, MapTables, Rays, beam_cells
 from ndtorch.navigation.mapping.certainty import REACH, BeamTable, beam_table, sample_certainty
 from ndtorch.navigation.mapping.range_log import RangeLog
-from ndtorch.navigation.mapping.tiles import Tiles, add_at, cell_tables, check_tiles, empty_tiles
+from ndtorch.navigation.mapping.tiles import Tiles, add_at, add_by_kernel, cell_tables, check_tiles, empty_tiles
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.utils.backend import kernels_wanted
+from ndtorch.utils.jit import packed
 
 Certainty = Literal["beams", "log-odds"]
 
@@ -181,19 +183,30 @@ class GridMap(nn.Module):
         down, across = cell_tables(self.grid.rows + 2, self.grid.columns + 2)
         self.register_buffer("down", down, persistent=False)
         self.register_buffer("across", across, persistent=False)
+        # The same for compiled code.
+        self.tables = MapTables(*(part.numpy() for part in (*table, down, across)))
+        g = self.grid
+        corner = (g.left - g.cell, g.bottom - g.cell)
+        self.map_numbers = packed(MapNumbers(*map(float, (rig.baseline, rig.forward, reach, *corner, g.cell))))
 
     def forward(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> tuple[Tensor, GridMapState]:
         state = self.update(ranges, pose, state)
         return self.grid.inner(state.cells), state
 
     def update(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> GridMapState:
-        """The state after ranges `[..., T, n]` seen from poses `[..., T]`."""
+        """The state after ranges `[..., T, n]` seen from poses `[..., T]`; or after those of one frame, arrays `[n]`,
+        seen from a pose of numbers."""
         check_state(state, GridMapState)
+        if isinstance(ranges.x, np.ndarray):
+            if self.certainty == "beams" and kernels_wanted():
+                return self.add_frame(ranges, pose, state)
+            ranges, pose = in_tensors(ranges, pose)
         batch, size = check_observations(ranges, pose), (self.grid.rows + 2, self.grid.columns + 2)
         tiles = empty_tiles(batch, *size, ranges.x) if state is None else state.tiles
         check_tiles("state.tiles", tiles, batch, *size)
         if self.certainty == "beams" and not batch and len(ranges.x) == 1 and kernels_wanted(*ranges, *pose):
-            return GridMapState(add_at(tiles, *self.beams(ranges, pose)), state and state.log)
+            frame = Ranges(*(part[0].numpy() for part in ranges))
+            return self.add_frame(frame, Pose(*map(float, pose)), state)
         pose = Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose))
         if self.certainty == "beams":
             x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
@@ -209,26 +222,19 @@ class GridMap(nn.Module):
 
     def warm_up(self) -> None:
         """Compile or load the kernels."""
-        one, still = torch.ones(1, 1), torch.zeros(1)
-        right_ahead = Ranges(one, 0.1 * one, -0.1 * one, one, 0 * one, one > 0)
-        self.update(right_ahead, Pose(still, still, still))
+        one = np.ones(1, np.float32)
+        self.update(Ranges(one, 0.1 * one, -0.1 * one, one, 0 * one, one > 0), Pose(0.0, 0.0, 0.0))
 
-    def beams(self, ranges: Ranges, pose: Pose) -> tuple[Tensor, Tensor]:
-        """Indices of cells and their weights, `[k]`, of one frame `[1, n]` by a kernel."""
-        kind, grid, rig = ranges.x.dtype, self.grid, self.rig
-        most = ranges.x.numel() * len(self.weight)
-        number, weight = torch.empty(most, dtype=torch.int64), torch.empty(most, dtype=kind)
-        corner = (grid.left - grid.cell, grid.bottom - grid.cell)
-        count = beam_cells(
-            Rays(*(part[0].numpy() for part in (ranges.left_angle, ranges.right_angle, ranges.valid))),
-            Samples(self.tangent.to(kind).numpy(), self.weight.to(kind).numpy()),
-            Beams(rig.baseline, rig.forward, self.reach),
-            (float(pose.x), float(pose.y), float(pose.heading)),
-            Lattice(*corner, grid.cell, self.down.numpy(), self.across.numpy()),
-            number.numpy(),
-            weight.numpy(),
-        )
-        return number[:count], weight[:count]
+    def add_frame(self, ranges: Ranges, pose: Pose, state: GridMapState | None) -> GridMapState:
+        """`update` with the beams of one frame, arrays `[n]`, by kernels."""
+        x, size = ranges.x, (self.grid.rows + 2, self.grid.columns + 2)
+        tiles = empty_tiles((), *size, torch.from_numpy(x)) if state is None else state.tiles
+        check_tiles("state.tiles", tiles, (), *size)
+        most = x.size * self.tables.weight.size
+        number, weight = np.empty(most, np.int64), np.empty(most, x.dtype)
+        rays = Rays(ranges.left_angle, ranges.right_angle, ranges.valid)
+        count = beam_cells(rays, tuple(pose), self.tables, self.map_numbers, number, weight)
+        return GridMapState(add_by_kernel(tiles, number[:count], weight[:count]), state and state.log)
 
     def numbers(self, x: Tensor, y: Tensor) -> Tensor:
         """Indices of the cells that hold points of the world, for `add_at`."""
@@ -259,6 +265,11 @@ class GridMap(nn.Module):
         cells = cells.clamp(min=0)
         largest = cells.amax((-2, -1), keepdim=True)
         return cells / torch.where(largest > 0, largest, 1.0)
+
+
+def in_tensors(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
+    """Ranges `[1, n]` and poses `[1]` of one frame, of arrays and numbers."""
+    return Ranges(*(torch.from_numpy(part[None]) for part in ranges)), Pose(*torch.tensor(pose).unsqueeze(-1).unbind())
 
 
 def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:

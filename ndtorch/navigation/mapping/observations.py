@@ -173,8 +173,3 @@ def free_length(
     before = total - weight.gather(-1, order)
     blocked = total.gather(-1, last) - before >= enough
     return torch.where(blocked, along, farthest).amin(-1).clamp(max=farthest)
-
-
-def path_is_free(observations: Observations, pose: Pose, curvature: Tensor, length: float, **options: float) -> Tensor:
-    """Whether each arc is free for `length` metres, `[..., A]` bool; options as `free_length`."""
-    return free_length(observations, pose, curvature, farthest=length, **options) >= length

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from ndtorch.arguments import check_kind, check_tensor
 from ndtorch.errors import InputError
-from ndtorch.navigation.mapping._kernels import tile_sums
+from ndtorch.navigation.mapping._kernels import tile_sums, touched_tiles
 from ndtorch.utils.backend import kernels_wanted
 
 BITS = 6
@@ -73,7 +74,7 @@ def add_at(tiles: Tiles, number: Tensor, weight: Tensor, limit: float | None = N
     `limit`."""
     across, batch = len(tiles.rows[0]), number.shape[:-1]
     if not batch and weight.dtype == tiles.rows[0][0].dtype and kernels_wanted(number, weight, tiles.rows[0][0]):
-        return add_by_kernel(tiles, number, weight, limit)
+        return add_by_kernel(tiles, number.numpy(), weight.numpy(), limit)
     tile = (number >> 2 * BITS).flatten()
     touched = tile.new_zeros(len(tiles.rows) * across).index_fill_(0, tile, 1)
     numbers = touched.nonzero().flatten().tolist()
@@ -90,18 +91,18 @@ def add_at(tiles: Tiles, number: Tensor, weight: Tensor, limit: float | None = N
     return replaced(tiles, numbers, sums)
 
 
-def add_by_kernel(tiles: Tiles, number: Tensor, weight: Tensor, limit: float | None) -> Tiles:
-    """`add_at` of one grid, `[k]`."""
-    across, at = len(tiles.rows[0]), number.numpy()
-    slots = np.zeros(len(tiles.rows) * across, np.int64)
-    slots[at >> 2 * BITS] = 1
-    touched = np.flatnonzero(slots)
-    slots[touched] = np.arange(len(touched))
-    numbers = touched.tolist()
+def add_by_kernel(
+    tiles: Tiles, number: npt.NDArray[np.int64], weight: npt.NDArray[Any], limit: float | None = None
+) -> Tiles:
+    """`add_at` of one grid, arrays `[k]`."""
+    across = len(tiles.rows[0])
+    slots = np.full(len(tiles.rows) * across, -1)
+    touched = np.empty_like(slots)
+    numbers = touched[: touched_tiles(number, SIDE * SIDE, slots, touched)].tolist()
     if not numbers:
         return tiles
     sums = torch.stack([tiles.rows[n // across][n % across] for n in numbers])
-    tile_sums(at, weight.numpy(), slots, sums.flatten(1).numpy())
+    tile_sums(number, weight, slots, sums.flatten(1).numpy())
     if limit is not None:
         sums.clamp_(-limit, limit)
     return replaced(tiles, numbers, sums)

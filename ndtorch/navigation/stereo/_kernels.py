@@ -32,25 +32,26 @@ class Frames(NamedTuple):
 @jit
 def grey_row(frame: Array, interleaved: bool, y: int, left: int, every: int, scale: float, grey: Array) -> None:
     """Grey of every so many pixels of row `y` from column `left` on, as many as `grey` `[n]` holds."""
-    pixels, unit = frame.reshape(-1), np.float32(scale)
+    unit = np.float32(scale)
+    quick = frame.itemsize == 1 and every <= 2
+    if quick and not interleaved and frame.shape[0] == 3:
+        if every == 1:
+            grey_of_planes(frame, y, left, unit, grey)
+        else:
+            grey_of_other_planes(frame, y, left, unit, grey)
+        return
+    pixels = frame.reshape(-1)
     if interleaved:
         _, width, colors = frame.shape
         start, step, plane = (y * width + left) * colors, colors, 1
     else:
         colors, height, width = frame.shape
         start, step, plane = y * width + left, 1, height * width
-    quick = colors == 3 and pixels.itemsize == 1 and every <= 2
-    if quick and interleaved:
+    if quick and interleaved and colors == 3:
         if every == 1:
-            grey_of_triples(pixels[start:], unit, grey)
+            grey_of_triples(pixels, start, unit, grey)
         else:
-            grey_of_other_triples(pixels[start:], unit, grey)
-    elif quick:
-        red, green, blue = pixels[start:], pixels[start + plane :], pixels[start + 2 * plane :]
-        if every == 1:
-            grey_of_planes(red, green, blue, unit, grey)
-        else:
-            grey_of_other_planes(red, green, blue, unit, grey)
+            grey_of_other_triples(pixels, start, unit, grey)
     else:
         grey_of_numbers(pixels, start, every * step, colors // 2 * plane, (colors - 1) * plane, unit, grey)
 
@@ -59,37 +60,40 @@ def grey_row(frame: Array, interleaved: bool, y: int, left: int, every: int, sca
 
 
 @jit
-def grey_of_triples(row: Array, unit: float, grey: Array) -> None:
+def grey_of_triples(pixels: Array, start: int, unit: float, grey: Array) -> None:
     """All pixels, colors interleaved."""
     for x in range(grey.shape[0]):
-        k = np.uintp(3 * x)
-        total = np.uint16(row[k]) + np.uint16(row[k + np.uintp(1)]) + np.uint16(row[k + np.uintp(2)])
+        k = np.uintp(start) + np.uintp(3 * x)
+        total = np.uint16(pixels[k]) + np.uint16(pixels[k + np.uintp(1)]) + np.uint16(pixels[k + np.uintp(2)])
         grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
 
 
 @jit
-def grey_of_other_triples(row: Array, unit: float, grey: Array) -> None:
+def grey_of_other_triples(pixels: Array, start: int, unit: float, grey: Array) -> None:
     """Every other pixel, colors interleaved."""
     for x in range(grey.shape[0]):
-        k = np.uintp(6 * x)
-        total = np.uint16(row[k]) + np.uint16(row[k + np.uintp(1)]) + np.uint16(row[k + np.uintp(2)])
+        k = np.uintp(start) + np.uintp(6 * x)
+        total = np.uint16(pixels[k]) + np.uint16(pixels[k + np.uintp(1)]) + np.uint16(pixels[k + np.uintp(2)])
         grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
 
 
 @jit
-def grey_of_planes(red: Array, green: Array, blue: Array, unit: float, grey: Array) -> None:
+def grey_of_planes(frame: Array, y: int, left: int, unit: float, grey: Array) -> None:
     """All pixels, colors in planes."""
+    row, red, green, blue = np.uintp(y), np.uintp(0), np.uintp(1), np.uintp(2)
     for x in range(grey.shape[0]):
-        k = np.uintp(x)
-        grey[k] = np.float32(np.uint16(np.uint16(red[k]) + np.uint16(green[k]) + np.uint16(blue[k]))) * unit
+        k = np.uintp(left) + np.uintp(x)
+        total = np.uint16(frame[red, row, k]) + np.uint16(frame[green, row, k]) + np.uint16(frame[blue, row, k])
+        grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
 
 
 @jit
-def grey_of_other_planes(red: Array, green: Array, blue: Array, unit: float, grey: Array) -> None:
+def grey_of_other_planes(frame: Array, y: int, left: int, unit: float, grey: Array) -> None:
     """Every other pixel, colors in planes."""
+    row, red, green, blue = np.uintp(y), np.uintp(0), np.uintp(1), np.uintp(2)
     for x in range(grey.shape[0]):
-        k = np.uintp(2 * x)
-        total = np.uint16(red[k]) + np.uint16(green[k]) + np.uint16(blue[k])
+        k = np.uintp(left) + np.uintp(2 * x)
+        total = np.uint16(frame[red, row, k]) + np.uint16(frame[green, row, k]) + np.uint16(frame[blue, row, k])
         grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
 
 
@@ -103,34 +107,33 @@ def grey_of_numbers(pixels: Array, start: int, step: int, middle: int, last: int
 
 
 @jit
-def high_pass(grey: Array, low: Array, start: int, settle: bool, a: float, new_low: Array, peaks: Array) -> None:
+def high_pass(grey: Array, low: Array, start: int, settle: bool, a: float, new_low: Array, size: Array) -> None:
     """One step of `NDMin` of a row of pixels.
 
     Args:
         grey, low, new_low: pixels, the state before and after, `[n]`; the row begins at `start`.
         settle: the filter starts at rest on these pixels.
         a: share of the low-pass.
-        peaks: becomes the magnitude of the output in each column where that is larger.
+        size: becomes the magnitude of the output.
     """
-    end = start + peaks.shape[0]
-    now, before, after = grey[start:end], low[start:end], new_low[start:end]
+    first = np.uintp(start)
     if settle:
-        for x in range(peaks.shape[0]):
-            after[x] = now[x]
+        blend(grey, grey, np.float32(0), grey, first, new_low, size)
     # As `torch.lerp` rounds it: from the nearer end.
     elif a < 0.5:
-        blend(before, now, np.float32(a), after)
+        blend(low, grey, np.float32(a), grey, first, new_low, size)
     else:
-        blend(now, before, np.float32(1 - a), after)
-    for x in range(peaks.shape[0]):
-        size = abs(now[x] - after[x])
-        peaks[x] = size if size > peaks[x] else peaks[x]
+        blend(grey, low, np.float32(1 - a), grey, first, new_low, size)
 
 
-@jit
-def blend(one: Array, other: Array, share: float, out: Array) -> None:
-    for x in range(out.shape[0]):
-        out[x] = one[x] + share * (other[x] - one[x])
+@jit(exact=True)
+def blend(one: Array, other: Array, share: float, grey: Array, first: Any, out: Array, size: Array) -> None:
+    """Means of two rows, and how far they are from the pixels."""
+    for x in range(size.shape[0]):
+        k = first + np.uintp(x)
+        mean = one[k] + share * (other[k] - one[k])
+        out[k] = mean
+        size[np.uintp(x)] = abs(grey[k] - mean)
 
 
 @jit
@@ -153,7 +156,9 @@ def cell_maxima(grey: Array, settle: bool, low: Array, gain: float, a: float, ne
     _, height, width = low.shape
     _, bands, blocks = cells.shape
     tall, wide = height // bands, width // blocks
-    peaks, highest = np.empty(width, low.dtype), low.dtype.type(0)
+    size, peaks, highest = np.empty(width, np.float32), np.empty(width, np.float32), np.int32(0)
+    # Magnitudes have the order of their bits, and maxima of whole numbers become vector instructions.
+    size_bits, peak_bits = size.view(np.int32), peaks.view(np.int32)
     now, before, after = grey.reshape(-1), low.reshape(-1), new_low.reshape(-1)
     bright = low.dtype.type(gain)
     if bright != low.dtype.type(1) and not settle:
@@ -164,17 +169,22 @@ def cell_maxima(grey: Array, settle: bool, low: Array, gain: float, a: float, ne
     for eye in range(2):
         for band in range(bands):
             for x in range(width):
-                peaks[x] = 0
+                peak_bits[x] = 0
             for y in range(tall):
                 start = ((eye * bands + band) * tall + y) * width
-                high_pass(now, before, start, settle, a, after, peaks)
+                high_pass(now, before, start, settle, a, after, size)
+                for x in range(width):
+                    peak_bits[x] = max(peak_bits[x], size_bits[x])
             for block in range(blocks):
-                most = low.dtype.type(0)
-                for x in range(block * wide, (block + 1) * wide):
-                    most = max(most, peaks[x])
-                cells[eye, band, block] = most
+                most = np.int32(0)
+                for x in range(wide):
+                    most = max(most, peak_bits[np.uintp(block * wide) + np.uintp(x)])
+                # Here no other block reads any more.
+                peak_bits[block] = most
+                cells[eye, band, block] = peaks[block]
                 highest = max(highest, most)
-    return float(highest)
+    peak_bits[0] = highest
+    return float(peaks[0])
 
 
 @jit

@@ -79,8 +79,6 @@ def feature_ranges(
     for eye in range(2):
         frame = frames.right if eye else frames.left
         grey_row(frame, frames.interleaved, frames.tops[0], 0, 1, frames.scale, rows[eye])
-        for x in range(width):
-            motion[x] = 0
         high_pass(now, before, eye * width, settle, p.a, after, motion)
         for x in range(width):
             most = max(most, motion[x])

@@ -19,7 +19,6 @@ Image = npt.NDArray[np.uint8]
 
 FORMATS = "ROS camera_info or ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, Middlebury calib.txt, OpenCV, Kalibr"
 
-FISHEYE = {"equidistant", "fisheye", "kannala_brandt"}
 PINHOLE = {"", "none", "plumb_bob", "rational_polynomial", "radtan", "radial-tangential", "radial_tangential"}
 """Distortion models whose coefficients OpenCV takes as they are."""
 

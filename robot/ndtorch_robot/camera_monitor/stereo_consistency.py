@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ndtorch.navigation import Strips
-from ndtorch.navigation.proximity.floor_plane import floor_correlation
+from ndtorch.navigation.proximity.floor_consistency import floor_correlation
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 from ndtorch_robot.camera_monitor.image_quality import Floats, one_color

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from ndtorch.navigation import Command, Navigator, Ranges, StereoRig
-from ndtorch.navigation.proximity import floor_plane
+from ndtorch.navigation.proximity import floor_consistency
 from ndtorch.navigation.proximity._kernels import NEIGHBOURS, NO_MATCH, match_rows
-from ndtorch.navigation.proximity.floor_plane import floor_correlation
+from ndtorch.navigation.proximity.floor_consistency import floor_correlation
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.proximity.stereo_match import detect_obstacles
 from ndtorch.navigation.stereo.rig import Rect
@@ -139,8 +139,8 @@ def correlate_plainly(left, right, rows, tilt, horizon, rects, rig, half_width):
 @pytest.mark.parametrize("tilt", [0, 4])
 def test_the_correlation_of_the_floor_against_plain_loops(tilt, monkeypatch):
     """With subfields so narrow that partners lie in their first and last columns."""
-    monkeypatch.setattr(floor_plane, "MIN_PIXELS", 40)
-    monkeypatch.setattr(floor_plane, "MIN_COLUMNS", 3)
+    monkeypatch.setattr(floor_consistency, "MIN_PIXELS", 40)
+    monkeypatch.setattr(floor_consistency, "MIN_COLUMNS", 3)
     rig = StereoRig(width=120, height=80, focal=80.0)
     rects = Rect(50, 70, 20, 60), Rect(50, 70, 3, 33)
     rng = np.random.default_rng(4)

@@ -10,7 +10,7 @@ import torch
 
 from ndtorch.navigation import Strips
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch.navigation.proximity.floor_plane import floor_correlation
+from ndtorch.navigation.proximity.floor_consistency import floor_correlation
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.camera_monitor.image_quality import one_color
 from ndtorch_robot.camera_monitor.mounting_check import EVERY

@@ -2,6 +2,6 @@
 
 from ndtorch.navigation.controllers.goal.control import GoalControl
 from ndtorch.navigation.controllers.goal.params import GoalParams
-from ndtorch.navigation.controllers.goal.state import GoalState
+from ndtorch.navigation.controllers.goal.tasks import GoalState
 
 __all__ = ["GoalControl", "GoalParams", "GoalState"]

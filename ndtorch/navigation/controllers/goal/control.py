@@ -22,8 +22,16 @@ from ndtorch.navigation.controllers.contract import (
 )
 from ndtorch.navigation.controllers.goal.params import GoalParams, with_memory
 from ndtorch.navigation.controllers.goal.replanning import disc_cells, local_map, replan
-from ndtorch.navigation.controllers.goal.state import MAX_POINTS, GoalState
-from ndtorch.navigation.controllers.goal.tasks import DONE, EXPLORE, is_fruitless, next_task, requested_tasks, with_pose
+from ndtorch.navigation.controllers.goal.tasks import (
+    DONE,
+    EXPLORE,
+    MAX_POINTS,
+    GoalState,
+    is_fruitless,
+    next_task,
+    requested_tasks,
+    with_pose,
+)
 from ndtorch.navigation.controllers.ranging._kernels import Array, awake, decide, limit, remember
 from ndtorch.navigation.controllers.ranging.control import RangingControl, check_sizes
 from ndtorch.navigation.controllers.ranging.tables import ranging_tables

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from ndtorch.navigation.controllers.goal.params import GoalParams
-from ndtorch.navigation.controllers.goal.state import MAX_POINTS, GoalState
-from ndtorch.navigation.controllers.goal.tasks import task_goal
+from ndtorch.navigation.controllers.goal.tasks import MAX_POINTS, GoalState, task_goal
 from ndtorch.navigation.local_grid._kernels import Array
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at
 from ndtorch.navigation.planning._kernels import Floats

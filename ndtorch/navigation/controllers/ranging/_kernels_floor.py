@@ -166,16 +166,16 @@ def illumination_gain(grey: Array, low: Array, view: ViewNumbers) -> float:
     """
     bands, blocks, kind = view.bands, view.blocks, np.float32
     tall, wide = low.shape[1] // bands, low.shape[2] // blocks
-    dark = kind(view.dark) * kind(wide)
+    dark, pixels, before = kind(view.dark) * kind(wide), grey.reshape(-1), low.reshape(-1)
     ratios, total = np.empty(2 * bands * blocks, np.float32), kind(0)
     for eye in range(2):
         for band in range(bands):
-            line, before = grey[eye, tall * band], low[eye, tall * band]
             for block in range(blocks):
                 now, was = kind(0), kind(0)
-                for x in range(block * wide, (block + 1) * wide):
-                    now += line[x]
-                    was += before[x]
+                start = np.uintp((eye * low.shape[1] + tall * band) * low.shape[2] + block * wide)
+                for x in range(wide):
+                    now += pixels[start + np.uintp(x)]
+                    was += before[start + np.uintp(x)]
                 ratio = max(now, dark) / max(was, dark)
                 ratios[(eye * bands + band) * blocks + block] = ratio
                 total += ratio

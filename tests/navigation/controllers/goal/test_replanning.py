@@ -9,8 +9,7 @@ import pytest
 
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.replanning import replan
-from ndtorch.navigation.controllers.goal.state import GoalState
-from ndtorch.navigation.controllers.goal.tasks import EXPLORE
+from ndtorch.navigation.controllers.goal.tasks import EXPLORE, GoalState
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, floor, place
 
 pytest.importorskip("numba")
