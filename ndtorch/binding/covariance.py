@@ -83,6 +83,7 @@ class Constants:
         dt, tau: seconds, of a time step and of the last memory.
         pieces: how many.
         updates: in each of them.
+        wait: seconds until the memories begin.
     """
 
     lags: tuple[int, ...]
@@ -95,6 +96,7 @@ class Constants:
     tau: float
     pieces: int
     updates: int
+    wait: float
 
 
 class RunningCovariances(nn.Module):
@@ -112,6 +114,7 @@ class RunningCovariances(nn.Module):
         anew: when all begins anew, which needs a covariance proper; None for never.
         pieces: how many of the latest stretches of time are kept apart too, for those who choose among them.
         piece: length of each, seconds.
+        wait: seconds until all begins, for signals of filters that settle.
 
     Shapes:
         signals `[..., T, N]` -> state, up to the last update. `None` starts at rest, with zeros.
@@ -132,6 +135,7 @@ class RunningCovariances(nn.Module):
         anew: Anew | None = None,
         pieces: int = 0,
         piece: float = 1.0,
+        wait: float = 0.0,
     ) -> None:
         super().__init__()
         self.at_first = at_first
@@ -157,6 +161,7 @@ class RunningCovariances(nn.Module):
             tau=memories[-1],
             pieces=pieces,
             updates=max(1, round(piece / (self.every * dt))),
+            wait=wait,
         )
 
     def start(self, first: Tensor) -> CovarianceState:
@@ -170,7 +175,7 @@ class RunningCovariances(nn.Module):
             covariances=first.new_zeros(*batch, len(c.memories), len(c.lags), n, n),
             differences=first.new_zeros(*batch, len(c.memories) if c.differences else 0, n, n),
             steps=torch.zeros((), dtype=torch.int64),
-            age=first.new_zeros(batch),
+            age=first.new_full(batch, -c.wait),
             pieces=first.new_zeros(*batch, c.pieces, len(c.lags), n, n),
             held=torch.zeros(c.pieces, dtype=torch.int64),
         )
@@ -229,7 +234,9 @@ def covariance_step(block: Tensor, state: CovarianceState, constants: Constants)
         pieces=pieces,
         held=held,
     )
-    return after if c.anew is None else begun_anew(after, state, block, high, c, c.anew)
+    if c.anew is not None:
+        return begun_anew(after, state, block, high, c, c.anew)
+    return waiting(after, block) if c.wait else after
 
 
 def begun_anew(
@@ -240,8 +247,12 @@ def begun_anew(
     known = before.covariances[..., -1, 0, :, :] / held.clamp_min(1e-6)[..., None, None]
     now = high.mT @ high / high.shape[-2]
     other = (before.age > anew.least) & (anew.surprise(known, now) > anew.most)
-    age = torch.where(other, -anew.wait, after.age)
-    waits = age < 0
+    return waiting(after._replace(age=torch.where(other, -anew.wait, after.age)), block)
+
+
+def waiting(after: CovarianceState, block: Tensor) -> CovarianceState:
+    """The state after a block, at rest where its memories have not begun."""
+    waits = after.age < 0
 
     def at_rest(value: Tensor) -> Tensor:
         return torch.where(waits.reshape(waits.shape + (1,) * (value.ndim - waits.ndim)), 0.0, value)
@@ -252,7 +263,6 @@ def begun_anew(
         past=at_rest(after.past),
         covariances=at_rest(after.covariances),
         differences=at_rest(after.differences),
-        age=age,
         pieces=at_rest(after.pieces),
     )
 

@@ -45,6 +45,7 @@ class BoundObject:
         path: time, column and row of every sighting, where they are kept.
         shade: "white", "grey" or "black" of what has no hue; None of what has one, or where nobody knows.
         boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
+        confidence: probability that an object of these features is in view, 0 to 1; None of models that do not say.
     """
 
     neuron: str
@@ -61,6 +62,7 @@ class BoundObject:
     shade: str | None = None
     boxes: tuple[tuple[float, float, float, float], ...] = ()
     number: int | None = None
+    confidence: float | None = None
 
     @property
     def box(self) -> tuple[float, float, float, float] | None:
@@ -91,8 +93,12 @@ def strongest(features: dict[str, float], names: tuple[str, ...]) -> str | None:
     return max(there, key=lambda name: features[name], default=None)
 
 
-def bound_objects(table: ObjectTable) -> list[BoundObject]:
+def bound_objects(table: ObjectTable, confidence: Tensor | None = None) -> list[BoundObject]:
     """The objects in the table of one network, in the order of their neurons. [C §4.1]
+
+    Args:
+        table: of one network of ten neurons.
+        confidence: of each neuron's object, `[10]`; None where it is not known.
 
     Raises:
         InputError: a table of a batch, or not of the ten features.
@@ -108,7 +114,9 @@ def bound_objects(table: ObjectTable) -> list[BoundObject]:
     found = []
     for k in table.owners.nonzero().flatten().tolist():
         row = table.rows[k].tolist()
-        found.append(BoundObject(FEATURES[k], k, {n: w for n, w in zip(FEATURES, row, strict=True) if w > 0}))
+        features = {n: w for n, w in zip(FEATURES, row, strict=True) if w > 0}
+        sure = None if confidence is None else round(float(confidence[k]), 3)
+        found.append(BoundObject(FEATURES[k], k, features, confidence=sure))
     return found
 
 

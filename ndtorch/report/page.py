@@ -20,7 +20,7 @@ from ndtorch.report.films import marked, write_mask_film
 from ndtorch.report.gallery import Gallery, contact_sheet, shrunk, write_jpeg
 from ndtorch.report.plots import draw_all
 from ndtorch.report.timeline import draw_timeline
-from ndtorch.report.words import NOTHING_LEARNED, VERDICTS, numbered, summary, words
+from ndtorch.report.words import numbered, summary, verdict_words, words
 from ndtorch.run.result import RunResult
 from ndtorch.utils.files import write_text
 from ndtorch.vision import FEATURES
@@ -184,8 +184,7 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
     found += [f"{line[0].upper()}{line[1:]}." for line in result.advice]
     found += [f"Object {number}: {words(thing).strip()}." for number, thing in numbered(result.objects)]
     if result.table is not None:
-        untaught = result.verdict == "learning" and not result.objects
-        found.append(f"Verdict: {NOTHING_LEARNED if untaught else VERDICTS[result.verdict]}.")
+        found.append(f"Verdict: {verdict_words(result)}.")
     if result.interrupted:
         found.append("The run was stopped early; this is what was found so far.")
     facts = {
@@ -202,11 +201,13 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
 
 def features_table(things: list[BoundObject]) -> Table:
     """A row an object, a column a feature."""
-    heads = ["object", "neuron", *FEATURES]
+    sure = [] if any(thing.confidence is None for thing in things) else ["confidence"]
+    heads = ["object", "neuron", *FEATURES, *sure]
     rows = []
     for number, thing in numbered(things):
         cells = [f"{thing.features[name]:.2f}" if name in thing.features else "" for name in FEATURES]
-        rows.append([str(number), thing.neuron, *cells])
+        confidence = [f"{thing.confidence:.2f}" for _ in sure]
+        rows.append([str(number), thing.neuron, *cells, *confidence])
     return Table("Features of every object", heads, rows, "Shares of the strongest; an empty cell: none of it.")
 
 

@@ -12,11 +12,17 @@ from ndtorch.run.result import RunResult
 from ndtorch.vision import FEATURES
 
 VERDICTS = {
-    "stable": "stable: the weights have settled",
+    "stable": "stable: the weights have settled, which does not say that the objects are right",
     "learning": "learning: the weights have not settled (yet); take the table as provisional",
     "alternating": "alternating: the outputs flip sign from step to step, so the weights mean nothing; lower --gamma",
     "static": "static: nothing fluctuates enough to bind features by",
 }
+
+SURE = {
+    "stable": "stable: the number of objects is right with a probability of {:.2f}",
+    "learning": "learning: the number of objects is right with a probability of {:.2f} only",
+}
+"""The same of models that know how likely they are right."""
 
 NOTHING_LEARNED = "learning: no weight has grown far enough yet to make a table of"
 
@@ -34,6 +40,7 @@ def summary(result: RunResult) -> dict[str, Any]:
         "advice": list(result.advice),
         "cuts": [round(time, 3) for time in result.cuts],
         "verdict": result.verdict,
+        "confidence": result.confidence,
         "max_weight": float(weights.max()),
         "spectral_radius": float(spectral_radius(weights)),
         "weights": weights.tolist(),
@@ -51,7 +58,8 @@ def numbered(things: Sequence[BoundObject]) -> list[tuple[int, BoundObject]]:
 def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, Any]:
     """One object as plain data; places are row and column as shares of the picture's height and width."""
     if thing.place is None or thing.first_seen is None or thing.last_seen is None:
-        return {"neuron": thing.neuron, "features": thing.features}
+        sure = {} if thing.confidence is None else {"confidence": thing.confidence}
+        return {"neuron": thing.neuron, "features": thing.features, **sure}
     path: list[list[float]] = []
     boxes: list[list[float]] = []
     for n, (time, column, row) in enumerate(thing.path):
@@ -89,12 +97,20 @@ def in_words(result: RunResult) -> str:
     if result.table is not None:
         if result.objects:
             lines += ["", *table(result.objects)]
-        untaught = result.verdict == "learning" and not result.objects
-        lines += ["", f"verdict  {NOTHING_LEARNED if untaught else VERDICTS[result.verdict]}"]
+        lines += ["", f"verdict  {verdict_words(result)}"]
     lines += [f"new scene at {time:.1f} s" for time in result.cuts]
     if result.interrupted:
         lines.append(f"stopped early, after {result.simulated_seconds:g} s; what was computed so far is kept")
     return "\n".join(lines)
+
+
+def verdict_words(result: RunResult) -> str:
+    """What the objects are worth."""
+    if result.verdict == "learning" and not result.objects:
+        return NOTHING_LEARNED
+    if result.confidence is not None and result.verdict in SURE:
+        return SURE[result.verdict].format(result.confidence)
+    return VERDICTS[result.verdict]
 
 
 def words(thing: BoundObject) -> str:
@@ -107,8 +123,10 @@ def words(thing: BoundObject) -> str:
 
 def table(things: list[BoundObject]) -> list[str]:
     """The features of every object, a row each."""
-    lines = ["neuron  " + "".join(f"{name:>7}" for name in FEATURES)]
+    sure = [] if any(thing.confidence is None for thing in things) else ["confidence"]
+    lines = ["neuron  " + "".join(f"{name:>7}" for name in FEATURES) + "".join(f"{name:>12}" for name in sure)]
     for thing in things:
         cells = (f"{thing.features[n]:7.2f}" if n in thing.features else f"{'.':>7}" for n in FEATURES)
-        lines.append(f"{thing.neuron:8}" + "".join(cells))
+        confidence = f"{thing.confidence:12.2f}" if sure else ""
+        lines.append(f"{thing.neuron:8}" + "".join(cells) + confidence)
     return lines

@@ -132,6 +132,7 @@ class RunResult:
         model: name of the model.
         size: height and width of the frames that it saw.
         objects, verdict: what was found and what that is worth.
+        confidence: probability that their number is right; None of models that do not say.
         table: the objects of models whose neurons own them; None of models with tracks.
         state: the model's state at the end.
         settle: seconds before learning began.
@@ -182,6 +183,7 @@ class RunResult:
     masks: Any = None
     silent: str = ""
     advice: tuple[str, ...] = ()
+    confidence: float | None = None
 
     @property
     def has_boxes(self) -> bool:

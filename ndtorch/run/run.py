@@ -100,6 +100,7 @@ def run_model(
         raise InputError(f"{source.name}: one frame cannot show motion; a model needs two frames at least")
     with torch.inference_mode():
         verdict: Verdict = "alternating" if diverged else model.verdict(state)
+        confidence = None if diverged else model.confidence(state)
         closed.tell([] if diverged else model.objects(state))
         state = closed.restored(state)
         found = [] if diverged else model.objects(state)
@@ -135,6 +136,7 @@ def run_model(
         source_frames=source.decoded,
         masks=next((watcher for watcher in watchers if hasattr(watcher, "find")), None),
         silent=source.silent,
+        confidence=confidence,
     )
 
 

@@ -134,17 +134,27 @@ class BarScene(RenderedScene):
         # Times come from whole frame numbers in double precision: nothing drifts and chunks do not matter.
         seconds = torch.arange(start, stop, device=self.device).double() / self.fps
         canvas = torch.zeros(*self.batch, len(seconds), 3, height * width, device=self.device)
+        self.paint(canvas, seconds)
+        return canvas.view(*canvas.shape[:-1], height, width)
+
+    def paint(self, canvas: Tensor, seconds: Tensor, light: Sequence[Tensor] | None = None) -> None:
+        """Paint the bars of those moments `[T]` into `canvas` `[*batch, T, 3, H W]`.
+
+        Args:
+            canvas: what the bars are painted over.
+            seconds: for which the bars have moved, float64.
+            light: brightness of each bar at those moments, `[T]`; None for that of the fluctuation.
+        """
         if len(seconds):
             scale = self._scale(seconds)
             for k in range(len(self._reach)):
-                self._paint(canvas, k, seconds, scale[..., k, :])
-        return canvas.view(*canvas.shape[:-1], height, width)
+                self._paint(canvas, k, seconds, scale[..., k, :], light[k] if light is not None else None)
 
     def _scale(self, seconds: Tensor) -> Tensor:
         """Size of the bars relative to their own at those times, `[*batch, K, T]`."""
         return self.fluctuation.scale(seconds).expand(*self.batch, len(self._reach), len(seconds))
 
-    def _paint(self, canvas: Tensor, k: int, seconds: Tensor, scale: Tensor) -> None:
+    def _paint(self, canvas: Tensor, k: int, seconds: Tensor, scale: Tensor, own: Tensor | None) -> None:
         """Paint bar k into `canvas` `[*batch, T, 3, H W]`: only the patch around it is touched."""
         height, width = self.size
         reach_x, reach_y = self._reach[k]
@@ -155,10 +165,13 @@ class BarScene(RenderedScene):
         cover = _ramp(u_x[..., None, :] + u_y[..., :, None], self._width[..., k, None] * scale)
         cover *= _ramp(v_x[..., None, :] + v_y[..., :, None], self._length[..., k, None] * scale)
         where = rows[..., :, None] * width + columns[..., None, :]
-        light = self._light[..., k, :, :]
-        # Light that is the same in all rows is looked up by column alone.
-        in_light = where if light.shape[-2] > 1 else columns[..., None, :]
-        brightness = light.flatten(-2).gather(-1, in_light.flatten(len(self.batch))).view(in_light.shape)
+        if own is None:
+            light = self._light[..., k, :, :]
+            # Light that is the same in all rows is looked up by column alone.
+            in_light = where if light.shape[-2] > 1 else columns[..., None, :]
+            brightness = light.flatten(-2).gather(-1, in_light.flatten(len(self.batch))).view(in_light.shape)
+        else:
+            brightness = own[:, None, None]
         lit = self._color[..., k, :][..., None, :, None, None] * brightness[..., None, :, :]
 
         pixels = where.flatten(-2)[..., None, :].expand(*where.shape[:-2], 3, -1)

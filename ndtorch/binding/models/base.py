@@ -22,7 +22,8 @@ from ndtorch.utils.files import write_text
 Verdict = Literal["stable", "learning", "alternating", "static"]
 """What the objects are worth. `static`: nothing fluctuates, or nothing moved, so there is nothing to bind.
 `alternating`: the outputs flip sign from step to step, a fault of delayed feedback at high learning rates.
-`learning`: what was learned still changes. `stable`: none of these."""
+`learning`: what was learned still changes. `stable`: none of these. Of a model that gives a `confidence`, `stable` is a
+number of objects that is right with the probability that its config calls `certain`, and `learning` is less."""
 
 Nested = Any
 """Of one trial the thing itself, of a batch lists of it, nested as the batch is."""
@@ -103,7 +104,7 @@ class BindingModel(nn.Module, ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        for name in ("objects_batch", "verdict", "weights", "table", "take_closed", "restore_closed"):
+        for name in ("objects_batch", "verdict", "confidence", "weights", "table", "take_closed", "restore_closed"):
             if name in vars(cls):
                 setattr(cls, name, of_own_state(vars(cls)[name]))
 
@@ -208,6 +209,10 @@ class BindingModel(nn.Module, ABC):
     @abstractmethod
     def verdict(self, state: Any) -> Nested:
         """What they are worth, a `Verdict`; of a batch a list."""
+
+    def confidence(self, state: Any) -> Nested:
+        """Probability that the number of objects is right, 0 to 1; of a batch lists. None of models that do not say."""
+        return None
 
     @abstractmethod
     def weights(self, state: Any) -> Tensor:

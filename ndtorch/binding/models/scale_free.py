@@ -9,17 +9,22 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from ndtorch.arguments import has_values
 from ndtorch.binding.covariance import CovarianceState
 from ndtorch.binding.first_stage import FirstStage
 from ndtorch.binding.learning import NetworkState, settled, weight_change
+from ndtorch.binding.models.base import Nested, by_trial
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.joint_diagonalisation import DELAYS, plain_table
+from ndtorch.binding.readout.memory import AnswerMemory, count_confidence, each_confidence, no_answers, remember
 from ndtorch.binding.readout.owners import OwnerCriteria, SourceCriteria, SumCriteria, owner_table, signal_statistics
+from ndtorch.binding.readout.source_count import Bound, motion_residual, source_bound
 from ndtorch.binding.readout.sums import SumState, SumStatistics, sums_table
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import Constants, Positive
+from ndtorch.utils.tensors import mapped
 from ndtorch.vision.temporal import FilterState, LowPass
 
 
@@ -66,10 +71,12 @@ class OwnerReadout(SumCriteria, SourceCriteria, OwnerCriteria):
     tau_fast: float = Field(3.5, gt=0, description="their short")
     tau_slow: float = Field(12.0, gt=0, description="and long memory,")
     pieces: int = Field(24, gt=0, description="which is of so many stretches of time,")
-    piece: float = Field(1.0, gt=0, description="each so long")
+    piece: float = Field(1.0, gt=0, description="each so long; as often objects are counted,")
+    tau_answers: float = Field(3.0, gt=0, description="and a number lasts until another has more votes in this memory")
     stable_window: float = Field(1.0, gt=0, description="tau_s of the stability criterion")
     stable_mean: float = Field(2.0, ge=0, description="time constant of the mean weights it looks at")
     stable_change: float = Field(0.5, gt=0, description="S_thr of the stability criterion, weight per window")
+    certain: float = Field(0.9, ge=0, le=1, description="confidence of the number from which on it is stable")
 
 
 class ScaleFreeConfig(WholeFieldConfig):
@@ -81,12 +88,13 @@ class ScaleFreeConfig(WholeFieldConfig):
 
 
 class StageState(NamedTuple):
-    """State of `ScaleFreeStage`: low-pass of the inputs `[..., 10]`, and the states of its three parts."""
+    """State of `ScaleFreeStage`: low-pass of the inputs `[..., 10]`, the states of its three parts, and its answers."""
 
     smooth: FilterState
     network: NetworkState
     statistics: CovarianceState
     sums: SumState
+    answers: AnswerMemory
 
     @property
     def weights(self) -> Tensor:
@@ -128,6 +136,7 @@ class ScaleFreeStage(nn.Module):
         super().__init__()
         n, r = network or ScaleFreeTable(), readout or OwnerReadout()
         self.dt, self.constants = dt, r
+        self.period = max(1, round(r.piece / dt))
         self.smooth = LowPass(n.tau_smooth, dt, 1)
         self.network = InhibitoryNetwork(
             10,
@@ -148,19 +157,61 @@ class ScaleFreeStage(nn.Module):
         self.register_buffer("first_stage", first_stage)
 
     def forward(self, refined: Tensor, sums: Tensor, state: StageState | None = None) -> tuple[Tensor, StageState]:
+        if self.constants.readout == "owners" or not (has_values(refined) and has_values(sums)):
+            # Programs and transforms cannot count: who reads their state does.
+            return self.step(refined, sums, state)
+        outputs, done = [], 0
+        while done < refined.shape[-2]:
+            steps = 0 if state is None else int(state.steps)
+            upto = min(refined.shape[-2], done + self.period - steps % self.period)
+            out, state = self.step(refined[..., done:upto, :], sums[..., done:upto, :], state)
+            outputs.append(out)
+            if int(state.steps) % self.period == 0:
+                state = state._replace(answers=self.answered(state))
+            done = upto
+        assert state is not None
+        return outputs[0] if len(outputs) == 1 else torch.cat(outputs, -2), state
+
+    def step(self, refined: Tensor, sums: Tensor, state: StageState | None) -> tuple[Tensor, StageState]:
+        """The same without answers."""
         smooth, low = self.smooth(refined, state.smooth if state is not None else None)
         outputs, network = self.network(smooth, state.network if state is not None else None)
         statistics = self.statistics(smooth, state.statistics if state is not None else None)
         kept = self.sums(sums, state.sums if state is not None else None)
-        return outputs, StageState(low, network, statistics, kept)
+        answers = no_answers(network.weights) if state is None else state.answers
+        return outputs, StageState(low, network, statistics, kept, answers)
 
-    def table(self, state: StageState) -> ObjectTable:
-        """The objects at this moment, of one trial or a batch."""
+    def answered(self, state: StageState) -> AnswerMemory:
+        """The memory of answers after one more, that of this moment."""
+        state, r = mapped(state, lambda _, part: part.detach()), self.constants
+        with torch.no_grad():
+            bound = source_bound(state.sums.all, motion_residual(state.sums.products), r)
+            # Answers from little are worth little.
+            weight = (state.sums.products.age / r.tau_answers).clamp(0.03, 1).square()
+            keep = math.exp(-r.piece / r.tau_answers)
+            return remember(state.answers, self.momentary(state, bound), bound.margin, weight, state.steps, keep)
+
+    def momentary(self, state: StageState, bound: Bound) -> ObjectTable:
+        """The objects as of this moment alone."""
         r = self.constants
         table = owner_table(state.weights, state.statistics, r, dt=self.dt)
+        return sums_table(
+            table, state.weights, state.sums, self.first_stage, r, r, r.smallest, r.tau_slow, r.piece, bound
+        )
+
+    def known(self, state: StageState) -> AnswerMemory:
+        """The memory of answers, with one of this moment where the latest is missing."""
+        answers = state.answers
+        late = int(state.steps) - int(answers.steps) >= self.period
+        return self.answered(state) if late or not bool(answers.votes.any()) else answers
+
+    def table(self, state: StageState) -> ObjectTable:
+        """The objects, of one trial or a batch."""
+        r = self.constants
         if r.readout == "owners":
+            table = owner_table(state.weights, state.statistics, r, dt=self.dt)
             return plain_table(table, state.weights, self.first_stage, r)
-        return sums_table(table, state.weights, state.sums, self.first_stage, r, r, r.smallest, r.tau_slow, r.piece)
+        return self.known(state).table
 
 
 class ScaleFreeModel(WholeFieldModel):
@@ -194,6 +245,21 @@ class ScaleFreeModel(WholeFieldModel):
         return self.second.table(state.second)
 
     def learned(self, state: BindingState) -> tuple[Tensor, Tensor]:
-        """As in the contract: stable are weights whose mean changes by at most `stable_change` per `stable_window`."""
-        change = weight_change(state.second.network)
-        return torch.zeros_like(change, dtype=torch.bool), change <= self.config.readout.stable_change
+        """As in the contract: stable is a number of objects of a confidence of `certain` or more, from owners alone
+        weights whose mean changes by at most `stable_change` per `stable_window`."""
+        r, change = self.config.readout, weight_change(state.second.network)
+        if r.readout == "owners":
+            stable = change <= r.stable_change
+        else:
+            stable = count_confidence(self.second.known(state.second)) >= r.certain
+        return torch.zeros_like(stable), stable
+
+    def confidence(self, state: BindingState) -> Nested:
+        """As in the contract; None from owners alone."""
+        if self.config.readout.readout == "owners":
+            return None
+        sure = count_confidence(self.second.known(state.second))
+        return by_trial([round(value, 3) for value in sure.flatten().tolist()], tuple(sure.shape))
+
+    def object_confidence(self, state: BindingState) -> Tensor | None:
+        return None if self.config.readout.readout == "owners" else each_confidence(self.second.known(state.second))

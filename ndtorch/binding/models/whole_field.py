@@ -183,9 +183,15 @@ class WholeFieldModel(BindingModel):
         table, batch = self.table(state), tuple(state.second.weights.shape[:-2])
         static = fluctuating_groups(state.inputs, self.config.normalise.floor) < 2
         nothing = (static | self.learned(state)[0]).flatten().tolist()
-        trials = zip(nothing, table.owners.reshape(-1, 10), table.rows.reshape(-1, 10, 10), strict=True)
-        things = [[] if none else bound_objects(ObjectTable(owners, rows)) for none, owners, rows in trials]
+        sure = self.object_confidence(state)
+        each = [None] * len(nothing) if sure is None else list(sure.reshape(-1, 10))
+        trials = zip(nothing, table.owners.reshape(-1, 10), table.rows.reshape(-1, 10, 10), each, strict=True)
+        things = [[] if none else bound_objects(ObjectTable(owners, rows), c) for none, owners, rows, c in trials]
         return by_trial(things, batch)
+
+    def object_confidence(self, state: BindingState) -> Tensor | None:
+        """Probability of each neuron's object, `[..., 10]`; None of models that do not say."""
+        return None
 
     def weights(self, state: BindingState) -> Tensor:
         weights: Tensor = state.second.weights

@@ -232,7 +232,8 @@ def sources_of(
         # Bars that pass each other hide a fourth source in all seconds together, not in the quietest ones.
         upper = bound.most.reshape(-1)
         free = exact | (upper == LINEAR.stop - LINEAR.start)
-        linear = torch.where(free, linear, torch.where(many & (upper >= limits.crowd), upper, linear.minimum(upper)))
+        sure = (upper > COLORS) & (linear >= COLORS)
+        linear = torch.where(free, linear, torch.where(sure, upper, linear.minimum(upper)))
         many = many & free
     every = stands_out(flat[:, 0], flat[:, 1], limits.crowded, limits)
     light = even_light(flat[:, 1], linear, limits)
@@ -240,6 +241,8 @@ def sources_of(
     wide = many & (linear > 0) & ~lit
     count = torch.where(wide & ~exact, torch.maximum(linear, every), linear)
     more = unexplained(flat[:, 0], flat[:, 1], count, limits) & ~lit
+    if bound is not None:  # of those the bound says how many
+        more = more & bound.further.reshape(-1) & (free | ~sure)
     wide, count = wide | more, (count + more.long()).clamp_max(most)
     found = unmixed(flat, count, wide, light, criteria)
     # Beside two of one rate, what is faint is an overtone of theirs: a shadow's edge does not dim all sums alike.

@@ -62,8 +62,12 @@ class SumCriteria(Constants):
         8.0, ge=1, description="times the median, in a second, of what orientations hold beside colors: it is left out,"
     )
     beside: float = Field(3e-4, ge=0, description="if this is more than so large a share of the orientations")
-    quietest: float = Field(0.25, gt=0, le=1, description="share of the seconds with least beside the colors,")
-    quiet_residual: float = Field(0.0035, ge=0, description="share of the orientations in them that is a source")
+    motion_residual: float = Field(
+        0.015, ge=0, description="share of motion beside products of colors where sources are more than colors"
+    )
+    quietest: float = Field(0.5, gt=0, le=1, description="share of the seconds with least beside the colors,")
+    lasting: float = Field(0.85, ge=0, description="in which a source holds this share of what it holds in all,")
+    least_lasting: float = Field(3e-6, ge=0, description="and this share of the orientations;")
     same_color_residual: float = Field(0.035, ge=0, description="the same beside sources of one or two colors")
     surprise: float = Field(40.0, gt=0, description="times more power than known that makes a new scene,")
     seen_for: float = Field(1.5, ge=0, description="which is believed when it was seen for this long")

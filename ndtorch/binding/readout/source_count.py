@@ -116,6 +116,8 @@ ROUNDS = 6
 """What is left out changes what orientations hold beside colors: so often at most."""
 RIDGE = 1e-4
 """Share of the colors' power that is added to each of them where orientations are explained by them."""
+LEAST_PRODUCT = 1e-6
+"""Share of the largest under which a direction of products of colors is none."""
 
 
 def undisturbed(statistics: CovarianceState, tau: float, piece: float, limits: SumCriteria) -> Tensor:
@@ -175,24 +177,55 @@ class Bound(NamedTuple):
     Attributes:
         most: sources, `[...]`, int64; all that orientations and colors can hold where they are an exact mixture.
         colors: of these the ones that colors tell apart.
+        further: whether motion says that there are more than those, `[...]` bool.
         margin: smallest distance of a direction from its threshold, in powers of e of its share, `[...]`.
     """
 
     most: Tensor
     colors: Tensor
+    further: Tensor
     margin: Tensor
 
 
-def source_bound(statistics: CovarianceState, limits: SumCriteria) -> Bound:
-    """Sources by colors, and by what orientations hold beside them in the quietest seconds.
+def motion_residual(products: CovarianceState) -> Tensor:
+    """Share of the largest direction of motion that products of colors with delayed colors do not account for, `[...]`.
+
+    A motion detector multiplies brightness with its own past. So the motion of bars is a fixed mixture of such products
+    of each bar's brightness, and that of colors' while there are as many directions of colors as bars, also where bars
+    pass each other. One bar more, and colors do not know the brightness of any.
+
+    Args:
+        products: of motion, colors, delayed colors, and all products of these two, `[..., M, L, 19, 19]`, at the
+            shortest delay.
+    """
+    held = products.covariances[..., 0, 0, :, :].double()
+    deviation = held.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
+    motion, known = slice(0, WAYS), slice(WAYS, None)
+    # Ways of motion keep their sizes against each other; of what is known each counts alike.
+    largest = deviation[..., motion].amax(-1, keepdim=True)
+    scale = torch.cat([largest.expand_as(deviation[..., motion]), deviation[..., known]], -1)
+    normal = divide(held, scale.unsqueeze(-1) * scale.unsqueeze(-2))
+    values, vectors = torch.linalg.eigh(normal[..., known, known])
+    # Directions of products that hold next to nothing explain noise.
+    inverse = torch.where(values > LEAST_PRODUCT * values[..., -1:], 1 / values, 0.0)
+    shared = vectors.mT @ normal[..., known, motion]
+    left = normal[..., motion, motion] - shared.mT @ (inverse.unsqueeze(-1) * shared)
+    values = torch.linalg.eigvalsh(torch.stack([left, normal[..., motion, motion]]))[..., -1]
+    share: Tensor = values[0] / values[1].clamp_min(1e-12)
+    return share
+
+
+def source_bound(statistics: CovarianceState, motion: Tensor, limits: SumCriteria) -> Bound:
+    """Sources by colors, and by what motion and orientations hold beside them.
 
     Colors add up exactly, also where bars cover each other: as many directions as bars of different color. Orientations
-    do not, since filters reach over several bars: bars that pass each other make a further direction without a further
-    bar. A bar fluctuates in every second, bars pass each other in some. So the residual of orientations is
-    taken from the seconds in which it is least, with colors fitted to those seconds alone (least trimmed squares).
+    do not, since filters reach over several bars: bars that pass each other make further directions without a further
+    bar. So motion says whether there are more sources than colors. How many more, orientations say: a bar
+    fluctuates in every second, bars pass each other in some.
 
     Args:
         statistics: with pieces `[..., P, L, 10, 10]`, the second delay the shortest.
+        motion: `motion_residual`, `[...]`.
         limits: see there.
     """
     orientation, color = GROUPS["orientation"], GROUPS["color"]
@@ -203,33 +236,46 @@ def source_bound(statistics: CovarianceState, limits: SumCriteria) -> Bound:
     unit = scale.unsqueeze(-1) * scale.unsqueeze(-2)
     delayed = divide(pieces[..., 1, :, :], unit.unsqueeze(-3)).double()
     whole = divide(total[..., 1, :, :], unit).double()
-    quiet = max(1, math.ceil(limits.quietest * int((held > 0).sum())))
+    largest = torch.linalg.eigvalsh(whole[..., orientation, orientation])[..., -1:].clamp_min(1e-12)
+    quiet, every = (torch.linalg.eigvalsh(quietest(delayed, held, share)) / largest for share in (limits.quietest, 1.0))
+    of_colors = torch.linalg.eigvalsh(whole[..., color, color])
+    shares = of_colors / of_colors[..., -1:].clamp_min(1e-12)
+    colors = (shares > limits.faintest).sum(-1)
+    further = motion > limits.motion_residual
+    # Where colors have a direction left, a further source would have to be of a color that is there.
+    alike = further & (quiet[..., -1] > limits.same_color_residual)
+    lasting = (quiet > limits.lasting * every) & (quiet > limits.least_lasting)
+    most = colors + torch.where(colors == COLORS, further * (1 + lasting[..., :-1].sum(-1)), alike)
+    # Where a direction of the orientations holds nothing, no bars pass each other.
+    exact = torch.linalg.eigvalsh(
+        beside(whole.unsqueeze(-3), whole[..., color, color], whole[..., color, orientation], EXACT)
+    )
+    most = torch.where(exact[..., 0, 0] < NOTHING * largest[..., 0], LINEAR.stop - LINEAR.start, most)
+    ratio = torch.cat([shares / limits.faintest, (motion / limits.motion_residual).unsqueeze(-1)], -1)
+    return Bound(most, colors, further, ratio.clamp(1e-9, 1e9).log().abs().amin(-1))
+
+
+def quietest(delayed: Tensor, held: Tensor, share: float) -> Tensor:
+    """Covariance of orientations beside colors in the pieces that hold least of it, `[..., 3, 3]`.
+
+    Colors are fitted to these pieces alone (least trimmed squares).
+
+    Args:
+        delayed: covariances of every piece, `[..., P, 10, 10]`.
+        held: updates in it, `[P]`.
+        share: of the pieces.
+    """
+    orientation, color = GROUPS["orientation"], GROUPS["color"]
+    count = max(1, math.ceil(share * int((held > 0).sum())))
     selected = held.double().expand(delayed.shape[:-2])
     residual = delayed[..., orientation, orientation]
     for _ in range(ROUNDS):
         fitted = (selected[..., None, None] * delayed).sum(-3) / selected.sum(-1).clamp_min(1e-12)[..., None, None]
         residual = beside(delayed, fitted[..., color, color], fitted[..., color, orientation])
         left = residual.diagonal(dim1=-2, dim2=-1).sum(-1).masked_fill(held == 0, torch.inf)
-        rank = left.argsort(-1).argsort(-1)
-        selected = (rank < quiet) * held.double()
-    residual = (selected[..., None, None] * residual).sum(-3) / selected.sum(-1).clamp_min(1e-12)[..., None, None]
-    of_colors = torch.linalg.eigvalsh(whole[..., color, color])
-    largest = torch.linalg.eigvalsh(whole[..., orientation, orientation])[..., -1:].clamp_min(1e-12)
-    ratio = of_colors / (limits.faintest * of_colors[..., -1:].clamp_min(1e-12))
-    # Where colors have a direction left, a further source would have to be of a color that is there.
-    filled = (ratio > 1).all(-1, keepdim=True)
-    least = torch.where(filled, limits.quiet_residual, limits.same_color_residual)
-    ratio = torch.cat([ratio, torch.linalg.eigvalsh(residual) / (least * largest)], -1)
-    colors = (ratio[..., :COLORS] > 1).sum(-1)
-    # Of two directions beside the colors the second is that of bars that pass each other.
-    most = colors + (ratio[..., COLORS:] > 1).any(-1)
-    # Where a direction of the orientations holds nothing, no bars pass each other.
-    exact = torch.linalg.eigvalsh(
-        beside(whole.unsqueeze(-3), whole[..., color, color], whole[..., color, orientation], EXACT)
-    )
-    most = torch.where(exact[..., 0, 0] < NOTHING * largest[..., 0], ratio.shape[-1], most)
-    margin = ratio.clamp(1e-9, 1e9).log().abs().amin(-1)
-    return Bound(most, colors, margin)
+        selected = (left.argsort(-1).argsort(-1) < count) * held.double()
+    chosen: Tensor = (selected[..., None, None] * residual).sum(-3)
+    return chosen / selected.sum(-1).clamp_min(1e-12)[..., None, None]
 
 
 def beside(delayed: Tensor, colors: Tensor, shared: Tensor, share: float = RIDGE) -> Tensor:

@@ -9,7 +9,7 @@ motion is counted too. Motion then belongs to the sources that it goes along wit
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -28,18 +28,25 @@ from ndtorch.binding.readout.joint_diagonalisation import (
     without_lighting,
 )
 from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria
-from ndtorch.binding.readout.source_count import LINEAR, Bound, source_bound, undisturbed
+from ndtorch.binding.readout.source_count import LINEAR, Bound, motion_residual, source_bound, undisturbed
 from ndtorch.errors import InputError
+from ndtorch.vision.features import GROUPS
+from ndtorch.vision.temporal import FilterState, LowPass
 
 FAINT = 1e-3
 """Power of a direction in which nothing is known, as a share of each group's largest."""
+SETTLED = 3.0
+"""Seconds from the first frame until motion is that of the bars alone: six time constants of its high-pass."""
 
 
 class SumState(NamedTuple):
-    """State of `SumStatistics`: of all three memories, and of the one that begins anew with every scene."""
+    """State of `SumStatistics`: of all three memories, of the one that begins anew with every scene, and of motion
+    beside products of colors, with the colors' delay filter."""
 
     all: CovarianceState
     scene: CovarianceState
+    products: CovarianceState
+    delayed: FilterState
 
 
 class SumStatistics(nn.Module):
@@ -58,6 +65,7 @@ class SumStatistics(nn.Module):
         most: of `surprise`; beyond that the fourth begins anew.
         pieces: how many stretches of time the third memory consists of,
         piece: and how long each is, seconds.
+        tau_delay: of the motion detectors, seconds.
 
     Shapes:
         sums `[..., T, 10]` -> state. `None` starts at rest, with zeros.
@@ -78,6 +86,7 @@ class SumStatistics(nn.Module):
         most: float = 40.0,
         pieces: int = 24,
         piece: float = 1.0,
+        tau_delay: float = 0.05,
     ) -> None:
         super().__init__()
         if not delays or not all(delay > 0 for delay in delays):
@@ -88,11 +97,19 @@ class SumStatistics(nn.Module):
         )
         anew = Anew(surprise, most)
         self.scene = RunningCovariances(dt, (tau_slow,), lags, tau_high, every=every, at_first=True, anew=anew)
+        self.delay = LowPass(tau_delay, dt, 1)
+        self.products = RunningCovariances(
+            dt, (2 * tau_slow,), lags[1:2], tau_high, every=every, at_first=True, wait=SETTLED
+        )
 
     def forward(self, sums: Tensor, state: SumState | None = None) -> SumState:
         check_state(state, SumState)
-        before = (None, None) if state is None else state
-        return SumState(self.all(sums, before[0]), self.scene(sums, before[1]))
+        before: Any = (None,) * 4 if state is None else state
+        colors = sums[..., GROUPS["color"]]
+        delayed, low = self.delay(colors, before[3])
+        products = (colors.unsqueeze(-1) * delayed.unsqueeze(-2)).flatten(-2)
+        known = torch.cat([sums[..., GROUPS["motion"]], colors, delayed, products], -1)
+        return SumState(self.all(sums, before[0]), self.scene(sums, before[1]), self.products(known, before[2]), low)
 
 
 def surprise(known: Tensor, now: Tensor) -> Tensor:
@@ -122,6 +139,7 @@ def sums_table(
     smallest: float = 1 / 3,
     tau: float = 12.0,
     piece: float = 1.0,
+    bound: Bound | None = None,
 ) -> ObjectTable:
     """The objects: sources of the long memory that are still there, or fewer if only a shorter one sees some leave.
 
@@ -135,11 +153,13 @@ def sums_table(
         criteria, limits: what a source must have.
         smallest: share of its group's largest that makes a feature.
         tau, piece: the long memory, and what it is of, seconds.
+        bound: of the number, if it is known already.
     """
     c, limit = criteria or SourceCriteria(), limits or SumCriteria()
     recent, fast = statistics.all.covariances.unbind(-4)
     slow = undisturbed(statistics.all, tau, piece, limit)
-    bound = source_bound(statistics.all, limit)
+    if bound is None:
+        bound = source_bound(statistics.all, motion_residual(statistics.products), limit)
     still = steady(statistics.all.low, recent, limit)
     short, gone = present_sources(fast, recent, first_stage, c, limit, bound)
     long, left = present_sources(slow, recent, first_stage, c, limit, bound)

@@ -314,11 +314,22 @@ class RenderedBars(RenderedScene):
         self.scene = scene
         self.ground = torch.zeros(3, *SIZE)
         self.light = [torch.from_numpy(bar.light[:: round(FPS / fps)].copy()) for bar in scene.bars]
-        white = (1.0, 1.0, 1.0)
-        self.covers = []
-        for b in scene.bars:
-            pose = direction_degrees(b.direction), b.start, orientation_degrees(b.orientation)
-            self.covers.append(BarScene([Bar(white, *pose, speed, length, width)], seconds, fps=fps, size=SIZE))
+        self.bars = BarScene(
+            [
+                Bar(
+                    b.color,
+                    direction_degrees(b.direction),
+                    b.start,
+                    orientation_degrees(b.orientation),
+                    speed,
+                    length,
+                    width,
+                )
+                for b in scene.bars
+            ],
+            seconds,
+            size=SIZE,
+        )
 
     def moments(self, start: int, stop: int) -> Tensor:
         """For how many frames the bars have moved at each frame, `[T]`."""
@@ -326,12 +337,10 @@ class RenderedBars(RenderedScene):
 
     def frames(self, start: int, stop: int) -> Tensor:
         """Frames number `start` to `stop - 1`, `[T, 3, H, W]` float32 in 0..1."""
-        canvas, when = self.ground.expand(stop - start, 3, *self.size), self.moments(start, stop)
-        for bar, light, cover in zip(self.scene.bars, self.light, self.covers, strict=True):
-            color = torch.tensor(bar.color)[:, None, None] * light[start:stop, None, None, None]
-            shape = cover.frames(int(when[0]), int(when[-1]) + 1)[when - when[0]]
-            canvas = torch.lerp(canvas, color, shape)
-        return canvas
+        canvas = self.ground.flatten(1).repeat(stop - start, 1, 1)
+        light = [light[start:stop] for light in self.light]
+        self.bars.paint(canvas, self.moments(start, stop).double() / self.fps, light)
+        return canvas.unflatten(-1, self.size)
 
 
 def by_group(values: Tensor) -> Tensor:

@@ -121,13 +121,15 @@ class OverTime(Seeded):
     scenes: int = 12
     """Number of scenes of each set, times four of random (one to four bars) and two of two and three bars (phases)."""
     seconds: float = 120.0
-    """How long every scene is watched; a scene takes half a second of one core a second."""
+    """How long every scene is watched."""
+    fps: float = 100.0
+    """Frames a second, 100 or a whole part of it; a frame takes 3 ms of one core."""
 
     def benchmark(self) -> Benchmark:
         """The scenes, second by second."""
         from ndtorch_train.benchmark.over_time import over_time_benchmark
 
-        return over_time_benchmark(self.methods, self.sets, self.scenes, self.seconds, self.split)
+        return over_time_benchmark(self.methods, self.sets, self.scenes, self.seconds, self.split, self.fps)
 
 
 @dataclass(frozen=True)

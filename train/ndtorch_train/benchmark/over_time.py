@@ -65,12 +65,12 @@ class Rendered(NamedTuple):
     truth: Tensor
 
 
-def random_scene(seed: int, number: int, share: float) -> Rendered:
+def random_scene(seed: int, number: int, share: float, fps: float) -> Rendered:
     """One to four bars in turn."""
-    return of_bars(draw_scene(seed, Restriction(number % 4 + 1), LONGEST))
+    return of_bars(draw_scene(seed, Restriction(number % 4 + 1), LONGEST), fps)
 
 
-def crossing_scene(seed: int, number: int, share: float) -> Rendered:
+def crossing_scene(seed: int, number: int, share: float, fps: float) -> Rendered:
     """Two or three bars; each of the later ones covers the first one at a time between `COVERED_FROM` and `_TO`."""
     scene, rng = draw_scene(seed, Restriction(number % 2 + 2), LONGEST), np.random.default_rng(seed + SEEDS_A_SET)
     bars = [scene.bars[0]]
@@ -81,27 +81,29 @@ def crossing_scene(seed: int, number: int, share: float) -> Rendered:
         there = place(bars[0], moment) + off
         start = np.array(bar.start) + there - place(bar, moment)
         bars.append(replace(bar, start=(float(start[0] % SIZE[1]), float(start[1] % SIZE[0]))))
-    return of_bars(Scene(seed, tuple(bars)))
+    return of_bars(Scene(seed, tuple(bars)), fps)
 
 
-def border_scene(seed: int, number: int, share: float) -> Rendered:
+def border_scene(seed: int, number: int, share: float, fps: float) -> Rendered:
     """One to three bars, the first of which moves along an edge of the image and is cut by it."""
     scene, rng = draw_scene(seed, Restriction(number % 3 + 1), LONGEST), np.random.default_rng(seed + SEEDS_A_SET)
     first, along = scene.bars[0], int(rng.integers(4))
     cut = float(rng.uniform(-WIDTH / 2, WIDTH / 2))
     start = (first.start[0], cut % SIZE[0]) if along % 2 == 0 else (cut % SIZE[1], first.start[1])
-    return of_bars(Scene(seed, (replace(first, direction=4 * along, start=start), *scene.bars[1:])))
+    return of_bars(Scene(seed, (replace(first, direction=4 * along, start=start), *scene.bars[1:])), fps)
 
 
-def textured_scene(seed: int, number: int, share: float) -> Rendered:
+def textured_scene(seed: int, number: int, share: float, fps: float) -> Rendered:
     """One to three bars over smooth noise of .1 to .5."""
-    scene = of_bars(draw_scene(seed, Restriction(number % 3 + 1), LONGEST))
+    scene = of_bars(draw_scene(seed, Restriction(number % 3 + 1), LONGEST), fps)
     assert isinstance(scene.source, RenderedBars)
     scene.source.ground = ground(seed)
     return scene
 
 
-def paper_scene(seed: int, number: int, share: float, *, bars: int, fluctuation: str = "shadow") -> Rendered:
+def paper_scene(
+    seed: int, number: int, share: float, fps: float, *, bars: int, fluctuation: str = "shadow"
+) -> Rendered:
     """The papers' bars, at a phase that is `share` of a cycle, from places that depend on the seed."""
     rng = np.random.default_rng(seed)
     # The reference scenes themselves are in the split test.
@@ -109,14 +111,15 @@ def paper_scene(seed: int, number: int, share: float, *, bars: int, fluctuation:
     build = two_bars if bars == 2 else three_bars
     # Bars that come and go in step are alike in everything that fluctuates.
     phase = 30 + 300 * share if fluctuation == "distance" else 360 * share
-    source = build(LONGEST, phase=phase, fluctuation=fluctuation, shift=moved, seed=seed)
+    source = build(LONGEST, phase=phase, fluctuation=fluctuation, shift=moved, seed=seed, fps=fps)
     return Rendered(source, paper_truth()[:bars])
 
 
 class SceneSet(NamedTuple):
-    """A set: how a scene is drawn from its seed, its number and its share of the set; how many for each one asked."""
+    """A set: how a scene is drawn from its seed, its number, its share of the set and frames a
+    second; how many for each one asked."""
 
-    draw: Callable[[int, int, float], Rendered]
+    draw: Callable[[int, int, float, float], Rendered]
     times: int = 1
 
 
@@ -133,9 +136,9 @@ SETS: Mapping[str, SceneSet] = {
 """Sets by name."""
 
 
-def of_bars(scene: Scene) -> Rendered:
+def of_bars(scene: Scene, fps: float) -> Rendered:
     """A drawn scene as frames on black."""
-    return Rendered(RenderedBars(scene, LONGEST), true_features([scene], first_stage())[0])
+    return Rendered(RenderedBars(scene, LONGEST, fps), true_features([scene], first_stage())[0])
 
 
 def place(bar: RandomBar, seconds: float) -> np.ndarray:
@@ -152,7 +155,7 @@ def paper_truth() -> Tensor:
     return present(by_group(own.std(1)) @ settled(first_stage()).T)
 
 
-def scenes_of(name: str, split: Split, scenes: int) -> list[Callable[[], Rendered]]:
+def scenes_of(name: str, split: Split, scenes: int, fps: float = FPS) -> list[Callable[[], Rendered]]:
     """What draws each scene of a set.
 
     Raises:
@@ -165,7 +168,7 @@ def scenes_of(name: str, split: Split, scenes: int) -> list[Callable[[], Rendere
     first = FIRST_SEED[split] + SEEDS_A_SET * list(SETS).index(name)
     # The phases of the two splits lie between each other.
     off = 0.5 if split == "tune" else 0.0
-    return [functools.partial(chosen.draw, first + n, n, (n + off) / count) for n in range(count)]
+    return [functools.partial(chosen.draw, first + n, n, (n + off) / count, fps) for n in range(count)]
 
 
 def kept_sums(scene: Callable[[], Rendered], seconds: float, path: Path) -> Tensor:
@@ -173,7 +176,7 @@ def kept_sums(scene: Callable[[], Rendered], seconds: float, path: Path) -> Tens
     if path.exists():
         return torch.from_numpy(np.load(path))
     source = scene().source
-    source.length = round(seconds * FPS)
+    source.length = round(seconds * source.fps)
     sums = rendered_sums(source)
     path.parent.mkdir(parents=True, exist_ok=True)
     half = path.with_suffix(".half.npy")
@@ -189,31 +192,35 @@ class Answers(NamedTuple):
     ok: npt.NDArray[np.bool_]
 
 
-def answers(method: Method, sums: Tensor, truth: Sequence[Tensor], times: Sequence[float]) -> Answers:
+def answers(method: Method, sums: Tensor, fps: float, truth: Sequence[Tensor], times: Sequence[float]) -> Answers:
     """The answers at `times`, seconds from the first frame, of an online method."""
-    readings = method(sums, FPS, times)
+    readings = method(sums, fps, times)
     scores = [[score_scene(f, t) for f, t in zip(one.found, truth, strict=True)] for one in readings]
     return Answers(*(np.array([[getattr(s, key) for s in at] for at in scores]).T for key in ("found", "ok")))
 
 
-def window_answers(method: Offline, sums: Tensor, truth: Sequence[Tensor], times: Sequence[float]) -> Answers:
+def window_answers(
+    method: Offline, sums: Tensor, fps: float, truth: Sequence[Tensor], times: Sequence[float]
+) -> Answers:
     """The same of an offline method, which gets the last `WINDOW` seconds of signals each time."""
-    refined, stride = Signals(FPS)(sums), max(1, round(TAU_SMOOTH * FPS))
+    refined, stride = Signals(fps)(sums), max(1, round(TAU_SMOOTH * fps))
     scores = []
     for signals, bars in zip(refined, truth, strict=True):
         since = [max(FILTERS_SETTLE, time - WINDOW) for time in times]
-        cut = [signals[round(a * FPS) : round(b * FPS) : stride] for a, b in zip(since, times, strict=True)]
+        cut = [signals[round(a * fps) : round(b * fps) : stride] for a, b in zip(since, times, strict=True)]
         scores.append([score_scene(present(method.separate(piece)), bars) for piece in cut])
     return Answers(*(np.array([[getattr(s, key) for s in at] for at in scores]) for key in ("found", "ok")))
 
 
-def measure(name: str, methods: Sequence[str], split: Split, scenes: int, seconds: float, folder: Path) -> list[Row]:
+def measure(
+    name: str, methods: Sequence[str], split: Split, scenes: int, seconds: float, fps: float, folder: Path
+) -> list[Row]:
     """Rows of all methods on one set."""
-    drawn = scenes_of(name, split, scenes)
+    drawn = scenes_of(name, split, scenes, fps)
     code = code_digest(("ndtorch.vision", "ndtorch.scenes"))[:8]
     sums, truth = [], []
     for n, scene in enumerate(drawn):
-        file = folder / "sums" / f"{name.replace(' ', '-')}-{split}-{len(drawn)}-{n}-{seconds:g}s-{code}.npy"
+        file = folder / "sums" / f"{name.replace(' ', '-')}-{split}-{len(drawn)}-{n}-{seconds:g}s-{fps:g}-{code}.npy"
         sums.append(kept_sums(scene, seconds, file))
         truth.append(scene().truth)
     times = [float(n) for n in range(round(FIRST), math.floor(seconds) + 1)]
@@ -222,9 +229,9 @@ def measure(name: str, methods: Sequence[str], split: Split, scenes: int, second
     for method in methods:
         chosen = METHODS[method](truth)
         if isinstance(chosen, Offline):
-            found = window_answers(chosen, torch.stack(sums), truth, times)
+            found = window_answers(chosen, torch.stack(sums), fps, truth, times)
         else:
-            found = answers(chosen, torch.stack(sums), truth, times)
+            found = answers(chosen, torch.stack(sums), fps, truth, times)
         right = found.number == bars
         changes = (np.diff(found.number, axis=1) != 0).sum() / max(1e-9, len(bars) * (times[-1] - times[0]) / 60)
         rows.append(
@@ -255,7 +262,7 @@ COLUMNS = (
 
 
 def over_time_benchmark(
-    methods: Sequence[str], sets: Sequence[str], scenes: int, seconds: float, split: Split
+    methods: Sequence[str], sets: Sequence[str], scenes: int, seconds: float, split: Split, fps: float = FPS
 ) -> Benchmark:
     """The benchmark of some methods on some sets.
 
@@ -266,15 +273,17 @@ def over_time_benchmark(
     known("sets", sets, list(SETS))
     if not FIRST < seconds <= LONGEST:
         raise InputError(f"seconds must lie above {FIRST:g} and be at most {LONGEST:g}, got {seconds:g}")
+    if not 0 < fps <= FPS or FPS % fps:
+        raise InputError(f"fps must be {FPS:g} or a whole part of it, got {fps:g}")
     for name in sets:
         scenes_of(name, split, scenes)
-    tasks = [Task(name, functools.partial(measure, name, tuple(methods), split, scenes, seconds)) for name in sets]
+    tasks = [Task(name, functools.partial(measure, name, tuple(methods), split, scenes, seconds, fps)) for name in sets]
     note = (
-        f"Split {split}, rendered frames. Number and table of objects are read at every second from {FIRST:g} s to "
-        f"{seconds:g} s. seconds right: ratio of readings with the right number; and every feature: number and "
-        "features are right; scenes right throughout: ratio of scenes whose number is always right; changes a "
-        f"minute: of the number. Offline methods get the last {WINDOW:g} s."
+        f"Split {split}, rendered {fps:g} times a second. Number and table of objects are read at every second from "
+        f"{FIRST:g} s to {seconds:g} s. seconds right: ratio of readings with the right number; and every feature: "
+        "number and features are right; scenes right throughout: ratio of scenes whose number is always right; changes "
+        f"a minute: of the number. Offline methods get the last {WINDOW:g} s."
     )
-    settings = {"split": split, "scenes": scenes, "seconds": seconds, "methods": list(methods)}
+    settings = {"split": split, "scenes": scenes, "seconds": seconds, "fps": fps, "methods": list(methods)}
     uses = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading", MODELS)
     return Benchmark("over-time", "Binding over time", note, COLUMNS, tasks, uses, settings=settings)
