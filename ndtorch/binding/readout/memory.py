@@ -88,7 +88,8 @@ def remember(
 
 def unit(rows: Tensor) -> Tensor:
     """Rows of length 1, zeros where there is nothing."""
-    return rows / rows.norm(dim=-1, keepdim=True).clamp_min(1e-6)
+    length: Tensor = torch.linalg.vector_norm(rows, dim=-1, keepdim=True)
+    return rows / length.clamp_min(1e-6)
 
 
 def count_confidence(memory: AnswerMemory) -> Tensor:
