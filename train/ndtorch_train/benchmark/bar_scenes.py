@@ -340,7 +340,7 @@ class RenderedBars(RenderedScene):
         canvas = self.ground.flatten(1).repeat(stop - start, 1, 1)
         light = [light[start:stop] for light in self.light]
         self.bars.paint(canvas, self.moments(start, stop).double() / self.fps, light)
-        return canvas.unflatten(-1, self.size)
+        return canvas.view(*canvas.shape[:-1], *self.size)
 
 
 def by_group(values: Tensor) -> Tensor:
