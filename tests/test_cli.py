@@ -49,6 +49,7 @@ def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.Capt
         "cuts",
         "advice",
         "verdict",
+        "confidence",
         "max_weight",
         "spectral_radius",
         "weights",

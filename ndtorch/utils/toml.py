@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -21,6 +22,10 @@ def no_truth(table: type[BaseModel], value: Any, info: ValidationInfo) -> Any:
     return value
 
 
+_READING: ContextVar[bool] = ContextVar("reading", default=False)
+"""Whether a file is read: then errors of the tables in it name their keys, not their classes."""
+
+
 class Strict(BaseModel):
     """A table of a file: unknown keys are errors, and so are NaN and infinity.
 
@@ -32,6 +37,9 @@ class Strict(BaseModel):
     renamed: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, **data: Any) -> None:
+        if _READING.get():
+            super().__init__(**data)
+            return
         try:
             super().__init__(**data)
         except ValidationError as error:
@@ -99,10 +107,13 @@ def read_toml(path: Path, table: type[Table]) -> Table:
 
 def check(values: Mapping[str, object], table: type[Table], source: str) -> Table:
     """Values as a model; raises `InputError` for the first that is unusable."""
+    reading = _READING.set(True)
     try:
         return table.model_validate(dict(values), strict=False)
     except ValidationError as error:
         raise InputError(f"{source}: {what_is_wrong(error, table)}") from None
+    finally:
+        _READING.reset(reading)
 
 
 def what_is_wrong(error: ValidationError, table: type[BaseModel]) -> str:

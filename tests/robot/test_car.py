@@ -202,13 +202,13 @@ def test_blind_steps_are_told_and_end_in_a_new_beginning():
 
 
 def test_the_navigator_is_told_of_a_low_limit_of_speed():
-    from ndtorch.navigation import StereoRig
+    from ndtorch.navigation import Body, StereoRig
     from ndtorch.navigation.options import NavigatorOptions
     from ndtorch_robot.run import within_limits
     from ndtorch_robot.safety import SafetyLimits
 
-    slow = within_limits(NavigatorOptions(), SafetyLimits(speed=0.4))
+    slow = within_limits(NavigatorOptions(), SafetyLimits(speed=0.4), Body())
     assert slow.speed == 0.4
     assert slow.make(StereoRig(), 1 / 30).params.tight_speed_m_per_s < 0.4
-    assert within_limits(NavigatorOptions(), SafetyLimits(speed=0.6)) == NavigatorOptions()
-    assert within_limits(NavigatorOptions("published"), SafetyLimits(speed=0.4)).speed == 0.4
+    assert within_limits(NavigatorOptions(), SafetyLimits(speed=0.6), Body()) == NavigatorOptions()
+    assert within_limits(NavigatorOptions("published"), SafetyLimits(speed=0.4), Body()).speed == 0.4

@@ -58,6 +58,9 @@ class StubModel(nn.Module):
     def verdict(self, state: StubState) -> str:
         return "stable"
 
+    def confidence(self, state: StubState) -> None:
+        return None
+
     def weights(self, state: StubState) -> Tensor:
         return torch.full((10, 10), float(state.frames))
 

@@ -212,6 +212,7 @@ class BindingModel(nn.Module, ABC):
 
     def confidence(self, state: Any) -> Nested:
         """Probability that the number of objects is right, 0 to 1; of a batch lists. None of models that do not say."""
+        self.check_own(state)
         return None
 
     @abstractmethod

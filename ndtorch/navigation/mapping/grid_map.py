@@ -197,7 +197,7 @@ class GridMap(nn.Module):
         """The state after ranges `[..., T, n]` seen from poses `[..., T]`; or after those of one frame, arrays `[n]`,
         seen from a pose of numbers."""
         check_state(state, GridMapState)
-        if isinstance(ranges.x, np.ndarray):
+        if all(isinstance(part, np.ndarray) for part in ranges):
             if self.certainty == "beams" and kernels_wanted():
                 return self.add_frame(ranges, pose, state)
             ranges, pose = in_tensors(ranges, pose)

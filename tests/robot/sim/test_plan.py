@@ -123,7 +123,7 @@ def test_arena_file(tmp_path):
         (GOOD.replace("width = 0.4", "width = -1"), r"pillars.0.width = -1: should be greater"),
         (GOOD.replace("width = 0.4", 'width = "40 cm"'), "pillars.0.width = '40 cm'"),
         (GOOD.replace("[8, 2, 14, 4]", "[8, 2, 14, 2.3]"), "at least 0.6 m wide"),
-        ('name = "x"\nrooms = [[0, 0, 9, 0.65]]', "nowhere as wide as the car"),
+        ('name = "x"\nrooms = [[0, 0, 9, 0.65]]', "nowhere as wide as the robot needs"),
         ('name = "x"\nrooms = [[0, 0, 1, 1], [3, 3, 4, 4]]', "connected"),
         ('name = "x"', "either rooms or walls"),
         (GOOD.replace("[1, 1, 90]", "[20, 1, 90]"), "start"),

@@ -314,22 +314,19 @@ class RenderedBars(RenderedScene):
         self.scene = scene
         self.ground = torch.zeros(3, *SIZE)
         self.light = [torch.from_numpy(bar.light[:: round(FPS / fps)].copy()) for bar in scene.bars]
-        self.bars = BarScene(
-            [
-                Bar(
-                    b.color,
-                    direction_degrees(b.direction),
-                    b.start,
-                    orientation_degrees(b.orientation),
-                    speed,
-                    length,
-                    width,
-                )
-                for b in scene.bars
-            ],
-            seconds,
-            size=SIZE,
-        )
+        bars = [
+            Bar(
+                b.color,
+                direction_degrees(b.direction),
+                b.start,
+                orientation_degrees(b.orientation),
+                speed,
+                length,
+                width,
+            )
+            for b in scene.bars
+        ]
+        self.bars = BarScene(bars, seconds, size=SIZE) if bars else None
 
     def moments(self, start: int, stop: int) -> Tensor:
         """For how many frames the bars have moved at each frame, `[T]`."""
@@ -338,8 +335,9 @@ class RenderedBars(RenderedScene):
     def frames(self, start: int, stop: int) -> Tensor:
         """Frames number `start` to `stop - 1`, `[T, 3, H, W]` float32 in 0..1."""
         canvas = self.ground.flatten(1).repeat(stop - start, 1, 1)
-        light = [light[start:stop] for light in self.light]
-        self.bars.paint(canvas, self.moments(start, stop).double() / self.fps, light)
+        if self.bars is not None:
+            light = [light[start:stop] for light in self.light]
+            self.bars.paint(canvas, self.moments(start, stop).double() / self.fps, light)
         return canvas.view(*canvas.shape[:-1], *self.size)
 
 
