@@ -120,22 +120,19 @@ unknown objects (load `scale-free`, or `retinotopic`, which also says where they
     ndtorch first-stage --gamma {gamma:g} --radius {radius:g}
 
 on the contracting rings of [B eq. 25-27] (100 x 100 pixels, 100 frames a second, learning from 4 s on, each network
-until its spectral radius reached {radius:g}). There is nothing random in it. Training took {seconds:.1f} simulated
-seconds. The second stage is not trained: it learns as it looks. All other constants are printed in the papers, or
-chosen where they are silent ([binding](../../docs/binding.md#choices-that-the-papers-leave-open)).
+until its spectral radius reached {radius:g}), {seconds:.1f} simulated seconds, nothing random. The second stage learns as it
+looks. All other constants are printed in the papers, or
+[chosen where they are silent](../../docs/binding.md#choices-that-the-papers-leave-open).
 
 ## How it was measured, and where it fails
 
-`ndtorch reproduce`: 28 published claims again, 17 hold, 6 in part, 5 do not ([table](../README.md)). Two bars are bound
-rightly at 18 of 24 phases, three at 31 of 90 combinations of phase and offset. On 300 seeded random scenes of one to
-three bars the number of objects is right in .42 of them after 15 s, and all features in .33
-([benchmarks](../../docs/benchmarks.md)). Bars alike in everything are one object. At high learning rates
-the outputs alternate from step to step; the verdict says so. On a road camera it says `learning`, and claims nothing.
+[Claims of the papers](../README.md) and [random scenes](../../docs/accuracy.md#random-scenes). Bars alike in everything
+are one object. At high learning rates the outputs alternate from step to step; the verdict says so. On a road camera it
+says `learning`, and claims nothing.
 
 ## Export
 
-The whole forward, for fixed chunk lengths (`ndtorch.export`). Not to ONNX: torch 2.13's exporter
-has no function for `aten.alias` of the complex spectra of the orientation sums.
+The whole forward, for fixed chunk lengths, also to ONNX ([models](../../docs/models.md#export)).
 
 ## Weights
 """
