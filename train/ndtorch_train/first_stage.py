@@ -120,8 +120,8 @@ unknown objects (load `scale-free`, or `retinotopic`, which also says where they
     ndtorch first-stage --gamma {gamma:g} --radius {radius:g}
 
 on the contracting rings of [B eq. 25-27] (100 x 100 pixels, 100 frames a second, learning from 4 s on, each network
-until its spectral radius reached {radius:g}), {seconds:.1f} simulated seconds, nothing random. The second stage learns as it
-looks. All other constants are printed in the papers, or
+until its spectral radius reached {radius:g}), {seconds:.1f} simulated seconds, nothing random. The second stage learns
+as it looks. All other constants are printed in the papers, or
 [chosen where they are silent](../../docs/binding.md#choices-that-the-papers-leave-open).
 
 ## How it was measured, and where it fails
