@@ -160,7 +160,8 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         "whole step with observation list": Navigator(
             rig, DT, controller="published", observations=ObservationList(DT)
         ),
-        "whole step, ranging controller": Navigator(rig, DT, controller="ranging"),
+        "whole step, ranging controller": Navigator(rig, DT, controller="ranging", features=FeatureParams()),
+        "whole step, ranging controller, row search": Navigator(rig, DT, controller="ranging"),
         "whole step, 7 features at edges": Navigator(rig, DT, controller="published", features=EDGES),
         "what `ndtorch drive` does": Navigator(rig, DT, features=EDGES, grid_map=GridMap(rig)),
     }.items():
