@@ -122,8 +122,10 @@ class Recorder(Closing):
         reserve: int = RESERVE,
     ) -> None:
         path = as_path("path", path)
-        if queue < 1 or path.suffix != ".mcap":
-            raise InputError(f"expected a file NAME.mcap and queue >= 1, got {path} and {queue}")
+        if path.suffix != ".mcap":
+            raise InputError(f"a recording is a file NAME.mcap, got {path}")
+        if queue < 1:
+            raise InputError(f"queue must be at least 1, got {queue}")
         self.path, self.runner = path, runner
         self.limit, self.when_full, self.report, self.reserve = queue, when_full, report, reserve
         self.steps = self.without_frames = self.dropped = self.pending = self.number = 0

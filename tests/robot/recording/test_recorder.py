@@ -118,7 +118,7 @@ def test_bad_input(tmp_path):
         Recorder(path)
     with pytest.raises(InputError, match="cannot record into this file"):
         Recorder(Path("/proc/nothing.mcap"))
-    with pytest.raises(InputError, match=r"expected a file NAME\.mcap"):
+    with pytest.raises(InputError, match=r"a recording is a file NAME\.mcap"):
         Recorder(tmp_path / "s")
     with Recorder(tmp_path / "s.mcap") as recorder, pytest.raises(InputError, match="only single uint8 frames"):
         recorder(step(0, StereoFrames(torch.zeros(1, 3, 4, 4), torch.zeros(1, 3, 4, 4), 0.0)))
