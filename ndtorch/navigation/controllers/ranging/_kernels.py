@@ -206,6 +206,9 @@ def remember(
     return lengths, after
 
 
+AHEAD, WIDE_LEFT, TIGHT_LEFT, WIDE_RIGHT, TIGHT_RIGHT, BACK_RIGHT, BACK, BACK_LEFT = range(8)
+"""The arcs whose free lengths are known, as `ranging_tables` makes them; those behind by the sign of curvature."""
+
 UNDER_THE_CAR = 2.0
 """Evidence that a place under the car loses in a step."""
 
@@ -225,18 +228,20 @@ def decide(
     """
     p, s, floor = tables.decision[0], state, tables.floor
     free, known = lengths[0], lengths[1]
-    difference = float(free[1] + free[2] - free[3] - free[4])
-    difference += p.known_ratio * float(known[1] + known[2] - known[3] - known[4])
+    difference = float(free[WIDE_LEFT] + free[TIGHT_LEFT] - free[WIDE_RIGHT] - free[TIGHT_RIGHT])
+    difference += p.known_ratio * float(known[WIDE_LEFT] + known[TIGHT_LEFT] - known[WIDE_RIGHT] - known[TIGHT_RIGHT])
     reversing, side = s.mode == REVERSE, s.turn_side
     # A turn and what belongs to it stays on its side; else the longer arcs decide.
     if not (reversing or s.mode == TURN or abs(difference) < p.side_hysteresis_m):
         side = 1.0 if difference > 0 else -1.0 if difference < 0 else 0.0
-    first, behind = (1, 5) if side > 0 else (3, 7)
+    wide_arc, tight_arc = (WIDE_LEFT, TIGHT_LEFT) if side > 0 else (WIDE_RIGHT, TIGHT_RIGHT)
+    back_arc = BACK_RIGHT if side > 0 else BACK_LEFT
     margin = p.unknown_margin_m
-    wide, tight = min(free[first], known[first] + margin), min(free[first + 1], known[first + 1] + margin)
+    wide = min(free[wide_arc], known[wide_arc] + margin)
+    tight = min(free[tight_arc], known[tight_arc] + margin)
     longest = max(wide, tight)
-    blocked = max(free[first], free[first + 1]) < p.min_free_m
-    swing_back = min(free[behind], known[behind] + margin)
+    blocked = max(free[wide_arc], free[tight_arc]) < p.min_free_m
+    swing_back = min(free[back_arc], known[back_arc] + margin)
     track, follow = pure_pursuit_back(s.path, pose, p.tight)
     # Where the body came from it was free all along, whatever is remembered of it. But only turning on brings a car
     # out of a corner: it does so where there is much room.
@@ -245,15 +250,15 @@ def decide(
         turning = 1 if swing_back > SWING_M and (track < REAR_M or swing_back > WIDE_SWING_M) else 0
     tracked = track >= REAR_M and turning == 0
     # Only a car that cannot go ahead at all backs into what it has not seen.
-    straight_back = free[6] if blocked else min(free[6], known[6] + margin)
+    straight_back = free[BACK] if blocked else min(free[BACK], known[BACK] + margin)
     rear = track if tracked else swing_back if turning else straight_back
     # Before a turn into what was not seen free the car backs once, if it knows that it can.
     unseen = longest < p.min_free_m and rear >= SWING_M and not s.has_reversed
     gone, age = (s.reversed_m - driven[0] * p.dt if reversing else 0.0), s.age + 1
     facts = Facts(
         s.floor.age < floor.learning,
-        free[0] < p.turn_below_m,
-        free[0] >= p.cruise_above_m and age >= p.turn_steps,
+        free[AHEAD] < p.turn_below_m,
+        free[AHEAD] >= p.cruise_above_m and age >= p.turn_steps,
         blocked or unseen,
         (gone >= p.reverse_length and not tracked) or rear < REAR_M,
         gone >= min(REVERSED_M, p.reverse_length) and longest >= p.room,

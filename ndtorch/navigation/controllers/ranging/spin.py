@@ -7,7 +7,15 @@ from typing import NamedTuple
 
 from ndtorch.navigation.body import SPOT_RADIUS
 from ndtorch.navigation.controllers.contract import REVERSE, STOPPED, TURN, Command
-from ndtorch.navigation.controllers.ranging._kernels import RangingState, RangingTables
+from ndtorch.navigation.controllers.ranging._kernels import (
+    AHEAD,
+    TIGHT_LEFT,
+    TIGHT_RIGHT,
+    WIDE_LEFT,
+    WIDE_RIGHT,
+    RangingState,
+    RangingTables,
+)
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.local_grid._kernels import Array, Primitives, cell_index, costs, free_distances
 from ndtorch.navigation.local_grid.motion_primitives import motion_primitives
@@ -64,10 +72,10 @@ def spun(
         return command, state
     cost = costs(state.grid, tables.grid.blocked)
     free = lengths(cost, pose, (tables.x[spin.under :], tables.y[spin.under :]), tables.arcs, tables)
-    first = 1 if state.turn_side > 0 else 3
-    if state.mode == TURN and max(free[first], free[first + 1]) >= spin.min_free_m:
+    wide, tight = (WIDE_LEFT, TIGHT_LEFT) if state.turn_side > 0 else (WIDE_RIGHT, TIGHT_RIGHT)
+    if state.mode == TURN and max(free[wide], free[tight]) >= spin.min_free_m:
         return command, state
-    if free[0] >= spin.cruise_above_m:
+    if free[AHEAD] >= spin.cruise_above_m:
         return Command(spin.speed_m_per_s, 0.0), state._replace(mode=TURN)
     around = lengths(cost, pose, (spin.arcs.x, spin.arcs.y), spin.arcs, tables) / spin.arcs.step
     side = 1.0 if state.turn_side > 0 else -1.0
