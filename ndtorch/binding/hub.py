@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import re
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import need
-
-if TYPE_CHECKING:
-    from ndtorch.binding.models.base import BindingModel
 
 SCHEME = "hf://"
 
@@ -58,8 +56,12 @@ def download_model(address: str) -> Path:
     return Path(folder)
 
 
-def upload_model(model: BindingModel, address: str) -> None:
+def upload_model(save: Callable[[Path], object], address: str) -> None:
     """Write a model to the Hub: the repository is made, private, where there is none. A card that is there is kept.
+
+    Args:
+        save: writes the model into a folder.
+        address: of the repository.
 
     Raises:
         InputError: as `download_model`; not logged in, or not allowed.
@@ -68,7 +70,7 @@ def upload_model(model: BindingModel, address: str) -> None:
     hub = need("huggingface_hub", "a model on the Hub")
     with tempfile.TemporaryDirectory() as beside:
         folder = Path(beside, repo.split("/")[1])
-        model.save(folder)
+        save(folder)
         api = hub.HfApi()
         ask(address, api.create_repo, repo, private=True, exist_ok=True)
         card = folder / "README.md"

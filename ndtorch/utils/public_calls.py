@@ -84,10 +84,8 @@ def wrapped(call: Callable[..., Any], at_once: Callable[[object], bool] | None) 
             complain(call, args, given, at_once)
         try:
             return call(*args, **given)
-        except InputError:
-            raise
         except Exception as error:
-            if not documents(call, error):
+            if not (isinstance(error, InputError) or documents(call, error)):
                 complain(call, args, given, error=error)
             raise
 
@@ -95,10 +93,8 @@ def wrapped(call: Callable[..., Any], at_once: Callable[[object], bool] | None) 
     def iterating(*args: Any, **given: Any) -> Iterator[Any]:
         try:
             yield from call(*args, **given)
-        except InputError:
-            raise
         except Exception as error:
-            if not documents(call, error):
+            if not (isinstance(error, InputError) or documents(call, error)):
                 complain(call, args, given, error=error)
             raise
 

@@ -245,7 +245,7 @@ class BindingModel(nn.Module, ABC):
         from ndtorch.binding.hub import is_hub_address, upload_model
 
         if is_hub_address(path):
-            return upload_model(self, str(path))
+            return upload_model(self.save, str(path))
         folder, weights = as_path("path", path), self.first_stage()
         if not overwrite and (folder / "config.toml").exists():
             raise InputError(f"{folder} holds a model; say overwrite=True to replace it, or name another folder")
