@@ -1,6 +1,7 @@
 """Mistakes that a user can make.
 
-A case is what is typed after `ndtorch`, in a folder with the files that `prepare` makes.
+A case is what is typed after `ndtorch`, in a folder with the files that `prepare` makes, and behind `=>` words that the
+answer holds.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from ndtorch.cli.commands import main
 CASES = {
     "Commands and options": """
         bnid two-bars
+        bindd two-bars => did you mean bind?
         bind two-bars extra
-        bind two-bars --modle published
+        bind two-bars --modle published => did you mean --model?
         bind two-bars --seconds
         bind two-bars --seconds ten
         bind two-bars --seconds -3
@@ -33,8 +35,8 @@ CASES = {
         benchmark scenes --json=yes
     """,
     "Sources, scenes and models": """
-        bind two-barz
-        bind clpi.avi
+        bind two-barz => did you mean two-bars?
+        bind clpi.avi => did you mean clip.avi?
         bind nowhere/at-all.mp4
         bind empty.mp4
         bind text.mp4
@@ -42,20 +44,33 @@ CASES = {
         bind sizes
         bind void
         bind camera:x
-        bind two-bars --model publishd
+        bind two-bars --model publishd => did you mean published?
         bind two-bars --model foregroun
         bind two-bars --model ./void
         bind two-bars --model foreground --rule hebbian
-        bind two-bars --rule hebian
-        bind two-bars --mask
+        bind two-bars --model video => the model video is gone; foreground does its job
+        bind two-bars --rule hebian => did you mean hebbian?
+        bind two-bars --rule scale-free => --model scale-free
+        bind two-bars --model scale-free --order printed => --order is an option of published
+        bind clip.avi --gamma 1 => --gamma is an option of published, scale-free; the model is foreground
+        bind clip.avi --fit stretch => the model is foreground
+        bind clip.avi --front-end on => --model foreground
+        bind clip.avi --front-end off => --model published
+        bind two-bars --mask => --mask is an option of foreground
         bind two-bars --gamma -1
         bind two-bars --gamma nan
+        bind two-bars --gamma 1e300 => --gamma must be
         bind two-bars --order last
         bind two-bars --seconds nan
+        bind two-bars --settle 1e15 => --settle must be
+        bind two-bars --settle nan => --settle must be
+        bind two-bars --seed -1 => --seed must be
         bind two-bars --fps -5
         bind two-bars --phase inf
         bind two-bars --first-stage-radius 1.5
         bind two-bars --device abacus
+        bind two-bars --device cpu:7 => there is one cpu
+        bind two-bars --device meta => 'meta' cannot be used
         bind two-bars --start 10
         bind two-bars --fit squash
         bind clip.avi --phase 90
@@ -66,46 +81,67 @@ CASES = {
         bind two-bars --resume text.mp4
         bind two-bars --out text.mp4
         bind two-bars --out /proc/nothing
-        render three-bras x.mp4
+        render three-bras x.mp4 => did you mean three-bars?
         render two-bars x.gif
         render two-bars text.mp4
+        render two-bars text.mp4/x.mp4 => Not a directory
+        render two-bars void => exists
         render two-bars x.mp4 --seconds 0
+        render two-bars x.mp4 --seconds 1e300 => --seconds
+        render two-bars x.mp4 --fps 1e300 => --fps must be a number from 0 to 100000
     """,
     "Drives": """
-        drive --arena halway
+        drive --arena halway => did you mean hallway?
         drive --arena bad.toml
-        drive --arena nowhere.toml
-        drive --controller rangin
+        drive --arena nowhere.toml => no such file
+        drive --controller rangin => did you mean ranging?
         drive --controller pid
-        drive --odometry nosy
+        drive --odometry nosy => did you mean noisy?
         drive --walls blnk
         drive --seconds 0
+        drive --seconds nan
         drive --seconds 1e99
-        drive --seed -1
-        drive --features 0
-        drive --feature-position moton
-        drive --compiled
+        drive --seed -1 => --seed must be
+        drive --features 0 => features must be a whole number
+        drive --feature-position moton => did you mean motion?
+        drive --compiled => --compiled is gone: steps are always compiled
         drive --goal 3
         drive --controller goal --goal 90,0
-        drive secnods.toml
+        drive secnods.toml => did you mean seconds?
         drive kind.toml
-        drive nowhere.toml
+        drive old.toml => compiled is gone: steps are always compiled
+        drive text.mp4 => not a TOML file
+        drive nowhere.toml => no such file
         drive --out text.mp4
-        evaluate --arenas rom
-        evaluate --controllers gaol
-        evaluate --walls blnk
-        evaluate --seeds
-        evaluate --jobs -2
+        drive --seconds 1 --rrd /proc/nothing/run.rrd => cannot write the recording
+        drive --out /proc/nothing => cannot write there
+        evaluate --arenas rom => did you mean room?
+        evaluate --controllers gaol => did you mean goal?
+        evaluate --walls blnk => did you mean blank?
+        evaluate --seeds => --seeds and --walls need one value or more
+        evaluate --seeds -1
+        evaluate --seconds 0
+        evaluate --jobs -2 => --jobs must be 1 or more
+        evaluate --arenas room --out /proc/nothing => cannot write there
+        evaluate nowhere.toml => no such file
         barn worlds.json
+        barn worlds.json --split al => did you mean all?
         barn text.mp4
         replay void
         replay nowhere
     """,
     "A car": """
-        run maxston8
+        run maxston8 => did you mean maxstone8?
         run car.toml
         run sim --seconds -1
-        check simm
+        run sim --seconds 0 => --seconds must be positive
+        run sim --seconds nan => --seconds must be a number
+        run maxstone8 --disturbance noise => this car has cameras
+        run sim --save-map map => --save-map needs a map
+        guard sim => nobody gives a command
+        guard sim --arenas office => or --arenas to be judged in
+        guard sim --seconds -1 => --seconds must be
+        check simm => did you mean sim?
         calibrate void void
         calibrate nowhere also-nowhere
         calibrate void void --columns 1
@@ -115,17 +151,18 @@ CASES = {
     "Training, scores and sweeps": """
         first-stage --gamma 0
         first-stage --radius 2
-        benchmark scenes --methods scalefree
+        benchmark scenes --methods scalefree => did you mean scale-free?
         benchmark scenes --seconds 1000
+        benchmark scenes --scenes 0 => --scenes must be a number from 1
         benchmark hard --scenes -1
-        benchmark scenes --split tuen
+        benchmark scenes --split tuen => did you mean tune?
         benchmark foreground void
-        benchmark foreground . --methods mog2-norfare
-        sweep bindin
+        benchmark foreground . --methods mog2-norfare => did you mean mog2-norfair?
+        sweep bindin => did you mean binding?
         sweep gama.toml
         sweep binding --jobs 0
         sweep binding --cluster a b
-        reproduce BB5
+        reproduce BB5 => did you mean B5?
         reproduce --jobs -1
         reproduce A3 --clip nowhere.mp4
     """,
@@ -133,9 +170,10 @@ CASES = {
 """What is typed, under headings."""
 
 
-def cases() -> list[str]:
-    """All of them."""
-    return [line.strip() for lines in CASES.values() for line in lines.strip().splitlines()]
+def cases() -> list[tuple[str, str]]:
+    """What is typed, and words of the answer."""
+    lines = [line.strip().partition(" => ") for lines in CASES.values() for line in lines.strip().splitlines()]
+    return [(typed, words) for typed, _, words in lines]
 
 
 def prepare(folder: Path) -> None:
@@ -153,6 +191,7 @@ def prepare(folder: Path) -> None:
     writer.release()
     (folder / "secnods.toml").write_text("secnods = 3\n")
     (folder / "kind.toml").write_text('seconds = "three"\n')
+    (folder / "old.toml").write_text("compiled = true\n")
     (folder / "bad.toml").write_text("rooms = [[0, 0, 4]]\n")
     (folder / "car.toml").write_text("[limmits]\nspeed = 1\n")
     (folder / "gama.toml").write_text("[vary]\ngama = [1]\n")

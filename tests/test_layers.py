@@ -147,12 +147,3 @@ def test_import_loads_nothing_heavy_and_changes_no_setting(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == []
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_package_itself_imports_no_torch(tmp_path: Path) -> None:
-    """So that `ndtorch --help` and `ndtorch scenes` answer at once."""
-    program = "import sys, ndtorch.scenes.named; print('torch' in sys.modules or 'numpy' in sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, timeout=120, check=True
-    )
-    assert done.stdout.strip() == "False"

@@ -91,32 +91,6 @@ def test_memory_that_is_short_is_one_line_that_says_what_was_asked_for() -> None
     assert what_the_system_said(RuntimeError("size mismatch")) is None
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["render", "two-bars", "{file}/x.mp4"], "Not a directory"),
-        (["render", "two-bars", "{folder}"], "exists"),
-        (["render", "two-bars", "{folder}/x.mp4", "--fps", "1e300"], "--fps must be a number from 0 to 100000"),
-        (["render", "two-bars", "{folder}/x.mp4", "--seconds", "1e300"], "--seconds"),
-        (["render", "two-bars", f"{{folder}}/{'x' * 300}.mp4"], "File name too long"),
-        (["bind", "--settle", "1e15"], "--settle must be"),
-        (["bind", "--settle", "nan"], "--settle must be"),
-        (["bind", "--device", "cpu:7"], "there is one cpu"),
-        (["bind", "--device", "meta"], "'meta' cannot be used"),
-        (["bind", "--seed", "-1"], "--seed must be"),
-        (["bind", "--gamma", "1e300"], "--gamma must be"),
-        (["benchmark", "scenes", "--scenes", "0"], "--scenes must be a number from 1"),
-        (["drive", "--seed", "-1"], "--seed must be"),
-    ],
-)
-def test_what_no_option_takes_is_one_line(
-    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("")
-    given = [argument.format(file=tmp_path / "file", folder=tmp_path) for argument in arguments]
-    refused(given, capsys, words)
-
-
 def test_what_takes_longer_than_a_day_says_so_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from ndtorch.cli.command_run import told
     from ndtorch.run.progress import tell_if_long

@@ -1,12 +1,20 @@
-"""The README's Python runs as it stands there, and its commands exist."""
+"""The README's Python and examples in docstrings run as they stand, and what pages name exists."""
 
 from __future__ import annotations
 
+import doctest
+import inspect
 import re
 from pathlib import Path
 
 import pytest
 import torch
+
+import ndtorch
+import ndtorch.binding
+import ndtorch.navigation
+import ndtorch.scenes
+import ndtorch.vision
 
 README = (Path(__file__).resolve().parents[1] / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
@@ -80,3 +88,59 @@ def test_snippets_of_the_pages(page: str, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     for block in blocks:
         exec(block, {})
+
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+NAMED = sorted(set(re.findall(r"`((?:ndtorch|robot|train|models|tests|docs)/[\w./-]+)`", PAGE)))
+
+
+def layout() -> list[str]:
+    """Folders of the layout: a line begins with them, and its indent says inside which one they lie."""
+    found, above = [], {}
+    for line in PAGE.split("```")[1].strip("\n").splitlines():
+        indent = len(line) - len(line.lstrip())
+        above = {level: name for level, name in above.items() if level < indent}
+        inside = above[max(above)] if above else ""
+        run = re.match(r"(?:[\w.]+/ *)*", line.lstrip())
+        folders = [inside + name for name in run[0].split()] if run else []
+        found += folders
+        if len(folders) == 1:
+            above[indent] = folders[0]
+    return found
+
+
+@pytest.mark.parametrize("path", NAMED)
+def test_a_path_of_the_page_exists(path: str) -> None:
+    assert (ROOT / path).exists()
+
+
+@pytest.mark.parametrize("folder", layout())
+def test_a_folder_of_the_layout_exists(folder: str) -> None:
+    assert (ROOT / folder).is_dir()
+
+
+PACKAGES = [ndtorch, ndtorch.vision, ndtorch.scenes, ndtorch.binding, ndtorch.navigation]
+PUBLIC = {id(thing): thing for package in PACKAGES for thing in (getattr(package, name) for name in package.__all__)}
+EXAMPLES = {
+    test.name: test
+    for thing in PUBLIC.values()
+    if inspect.isclass(thing) or inspect.isfunction(thing)
+    for test in doctest.DocTestFinder(exclude_empty=True).find(
+        thing, f"{thing.__module__}.{thing.__qualname__}", globs={"torch": torch, thing.__name__: thing}
+    )
+    if test.examples
+}
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_an_example_prints_what_it_says(name: str) -> None:
+    told: list[str] = []
+    result = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(EXAMPLES[name], out=told.append)
+    assert result.attempted > 0
+    assert result.failed == 0, "".join(told)
+
+
+def test_examples_are_found() -> None:
+    """Else the test above would pass with nothing in it."""
+    assert len(EXAMPLES) >= 30

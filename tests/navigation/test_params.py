@@ -1,4 +1,4 @@
-"""Parameters of navigation: each has a sentence of its own, and earlier names answer with the present ones."""
+"""Parameters and options of navigation: each has a sentence of its own, earlier names answer with the present ones."""
 
 from __future__ import annotations
 
@@ -10,10 +10,22 @@ import pytest
 
 import ndtorch.navigation
 from ndtorch.errors import InputError
-from ndtorch.navigation import AvoidanceParams, FeatureParams, MatchParams, RangingParams, SearchParams
+from ndtorch.navigation import (
+    AvoidanceParams,
+    FeatureParams,
+    Grid,
+    MatchParams,
+    Navigator,
+    NavigatorOptions,
+    RangingParams,
+    SearchParams,
+    StereoRig,
+)
 from ndtorch.navigation.body import Body
+from ndtorch.navigation.controllers import controller_names
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams
 from ndtorch.navigation.local_grid.grid import LocalGridParams
+from ndtorch.navigation.options import OPTION_NAMES, options_of
 from ndtorch_robot.navigator_options import described
 
 MODULES = [
@@ -55,3 +67,22 @@ def test_earlier_and_misspelt_names_answer(kind: type, before: str, now: str) ->
         kind(**{before: 1.0})
     with pytest.raises(InputError, match=f"has no {now}x; did you mean {now}"):
         kind(**{f"{now}x": 1.0})
+
+
+RIG = StereoRig()
+
+
+def test_options_are_picked_out_of_other_keys() -> None:
+    assert options_of({"features": 3, "arena": "hall"}) == NavigatorOptions(features=3)
+    assert set(OPTION_NAMES) == set(vars(NavigatorOptions()))
+
+
+@pytest.mark.parametrize("controller", controller_names())
+def test_the_navigator_has_what_was_chosen(controller: str) -> None:
+    options = NavigatorOptions(controller, features=3, angle="linear", feature_position="motion", prediction=True)
+    navigator = options.navigator(RIG, 20.0, Grid(-1, 1, -1, 1))
+    assert isinstance(navigator, Navigator)
+    assert navigator.grid_map is not None
+    assert type(navigator.controller).__module__.split(".")[3] == controller
+    assert options.fields(RIG) == navigator.controller.fields
+    assert options.navigator(RIG, 20.0).grid_map is None

@@ -1,4 +1,4 @@
-"""Features of rows, against plain loops."""
+"""Features of rows, which is which in the other row, and where they are looked for, against plain loops."""
 
 import pytest
 import torch
@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 from torch.autograd import gradcheck
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import FeatureParams
-from ndtorch.navigation.stereo.features import edge_places, find_features, patch_error
+from ndtorch.navigation import FeatureParams, MatchParams
+from ndtorch.navigation.stereo.correspondence import match_features
+from ndtorch.navigation.stereo.features import Features, edge_places, find_features, patch_error
+from ndtorch.navigation.stereo.prediction import PredictedFeatures
 
 
 def rows(seed, *shape, scale=0.2):
@@ -123,3 +125,95 @@ def test_a_share_of_the_features_is_kept_for_the_middle():
     torch.testing.assert_close(none.column, plain.column)
     with pytest.raises(InputError, match="ahead"):
         FeatureParams(5, ahead_count=6)
+
+
+def as_features(columns, patches, valid=None):
+    columns = torch.tensor(columns)
+    valid = torch.ones(len(columns), dtype=torch.bool) if valid is None else torch.tensor(valid)
+    return Features(columns, torch.ones(len(columns)), torch.tensor(patches), valid)
+
+
+def test_best_partner_first_window_second():
+    """The best partner lies outside the window, so there is no match: not the second best inside."""
+    left = as_features([400], [[0.1, 0.5, 0.9]])
+    right = as_features([390, 300], [[0.1, 0.5, 0.9], [0.1, 0.5, 0.8]])
+    assert not match_features(left, right).valid.any()
+    right = as_features([390, 300], [[0.1, 0.5, 0.7], [0.1, 0.5, 0.8]])
+    found = match_features(left, right)
+    assert found.valid.all()
+    assert found.right.tolist() == [300]
+    assert found.error.tolist() == pytest.approx([0.01])
+
+
+@pytest.mark.parametrize(("right", "valid"), [(340, False), (339, True), (201, True), (200, False), (500, False)])
+def test_disparity_is_signed_and_its_window_open(right, valid):
+    patch = [[0.1, 0.5, 0.9]]
+    assert match_features(as_features([400], patch), as_features([right], patch)).valid.tolist() == [valid]
+
+
+def test_one_to_one():
+    left = as_features([400, 410], [[0.1, 0.5, 0.9], [0.1, 0.5, 0.8]])
+    right = as_features([300], [[0.1, 0.5, 0.88]])
+    assert match_features(left, right).valid.tolist() == [True, False]
+    assert match_features(left, right, MatchParams(one_to_one=False)).valid.tolist() == [True, True]
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000))
+def test_matches_properties(seed):
+    row, motion = rows(seed, 2, 640)
+    found = find_features(row, motion)
+    ours, theirs = (Features(*(part[k] for part in found)) for k in (0, 1))
+    matches = match_features(ours, theirs)
+    disparity = (matches.left - matches.right)[matches.valid]
+    assert ((disparity > 60) & (disparity < 200)).all()
+    partners = matches.right[matches.valid].tolist()
+    assert len(partners) == len(set(partners))
+
+
+def bumps(places, width=80, heights=(0.5, 0.4, 0.3)):
+    motion = torch.zeros(width)
+    for place, height in zip(places, heights, strict=False):
+        motion[place] = height
+    return motion
+
+
+def test_prediction_follows_and_extrapolates():
+    """Two bumps swap strength; the slots stay with the objects, at 2 pixels a row."""
+    steps = [bumps([20 + 2 * t, 60 - t], heights=(0.5, 0.4) if t % 2 else (0.4, 0.5)) for t in range(8)]
+    motion = torch.stack(steps)
+    params = FeatureParams(count=2, min_difference=0.0)
+    found, state = PredictedFeatures(params)(torch.rand(8, 80), motion)
+    first = found.column[0].tolist()
+    order = [first.index(20), first.index(60)]
+    assert found.column[:, order[0]].tolist() == [20 + 2 * t for t in range(8)]
+    assert found.column[:, order[1]].tolist() == [60 - t for t in range(8)]
+    assert (2 * state.last - state.before)[order[0]] == 36
+
+
+def test_prediction_reaches_three_pixels_and_refills():
+    row = torch.rand(2, 80)
+    near = PredictedFeatures(FeatureParams(count=1, min_difference=0.0))(
+        row, torch.stack([bumps([20]), bumps([23, 60], heights=(0.1, 0.5))])
+    )[0]
+    assert near.column[:, 0].tolist() == [20, 23]  # kept, though there is a stronger one
+    far = PredictedFeatures(FeatureParams(count=1, min_difference=0.0))(
+        row, torch.stack([bumps([20]), bumps([24, 60], heights=(0.1, 0.5))])
+    )[0]
+    assert far.column[:, 0].tolist() == [20, 60]  # lost, refilled from the whole row
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_prediction_keeps_the_spacing_and_chunks(seed):
+    row, motion = rows(seed, 2, 12, 60)
+    tracker = PredictedFeatures()
+    whole, _ = tracker(row, motion)
+    gaps = (whole.column.unsqueeze(-1) - whole.column.unsqueeze(-2)).abs() + torch.eye(5).long() * 99
+    assert gaps.min() > 3
+    state, columns = None, []
+    for a, b in zip(row.split(5, 1), motion.split(5, 1), strict=True):
+        part, state = tracker(a, b, state)
+        columns.append(part.column)
+    assert torch.equal(torch.cat(columns, 1), whole.column)
+    assert torch.equal(whole.column[:, 0], find_features(row[:, 0], motion[:, 0]).column)

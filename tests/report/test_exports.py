@@ -136,8 +136,3 @@ def test_every_format_has_a_file_of_its_own() -> None:
 def test_supervision_takes_the_boxes() -> None:
     supervision = pytest.importorskip("supervision")
     assert len(supervision.Detections(**to_detections([]))) == 0
-
-
-def test_masks_of_a_model_without_silhouettes_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bind", "two-bars", "--mask", "--out", str(tmp_path)]) == 2
-    assert "--mask is an option of foreground" in capsys.readouterr().err

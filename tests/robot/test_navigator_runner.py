@@ -69,11 +69,3 @@ def test_a_car_that_was_put_somewhere_before_the_first_step_knows_where():
     runner = NavigatorRunner(NavigatorOptions("published"), RIG, 30.0)
     runner.step(next(moving_world(1, RIG)), DRIVEN, (3.0, 4.0, 1.0))
     assert pose(runner) == (3.0, 4.0, 1.0)
-
-
-def test_another_pilot_from_its_configuration():
-    from ndtorch_robot.recording import make_runner
-
-    runner = pilot_on_its_way(moving_world(5, RIG), 2)
-    again = make_runner(runner.configuration(), mapping=True)
-    assert (again.options, again.rig, again.rate, again.grid) == (runner.options, runner.rig, runner.rate, runner.grid)

@@ -236,12 +236,3 @@ def test_a_limit_in_single_precision_is_no_fault():
     assert float(torch.tensor(0.4)) > 0.4
     assert safe.faults == []
     assert sent == DriveCommand(0.4, -2.2)
-
-
-@pytest.mark.parametrize("name", ["speed", "curvature", "acceleration", "steering", "silence", "age", "recovery"])
-def test_a_limit_that_is_no_number_is_refused(name):
-    """Nothing is larger than NaN: it would let everything through."""
-    for value in (float("nan"), -0.1):
-        with pytest.raises(InputError, match=rf"^{name} must be (a number|0 or more), got {value}$"):
-            SafetyLimits(**{name: value})
-    assert getattr(SafetyLimits(**{name: 0.0}), name) == 0.0

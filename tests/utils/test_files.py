@@ -1,11 +1,32 @@
-"""Files are whole or not there, and two writers do not touch each other."""
+"""Files are whole or not there, and what is read is what was written, or refused in one line."""
+
+from __future__ import annotations
 
 import os
+import random
 import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+import torch
 
-from ndtorch.utils.files import LEFT_OVER, replacing, write_text
+from ndtorch.errors import InputError
+from ndtorch.run.folder import place_for
+from ndtorch.utils import files
+from ndtorch.utils.files import (
+    LEFT_OVER,
+    load_arrays,
+    read_tensors,
+    read_text,
+    replacing,
+    save_arrays,
+    save_tensors,
+    write_text,
+)
+from ndtorch.utils.toml import toml_values
 
 
 def test_a_new_file_takes_the_place_of_the_old(tmp_path):
@@ -43,3 +64,129 @@ def test_what_a_killed_writer_left_goes_with_the_next_one(tmp_path):
     os.utime(old, (time.time() - 2 * LEFT_OVER,) * 2)
     write_text(tmp_path / "a[1].txt", "whole")
     assert sorted(tmp_path.iterdir()) == sorted([tmp_path / "a[1].txt", young])
+
+
+ARRAYS = {
+    "cells": np.arange(60, dtype=np.float32).reshape(5, 12),
+    "cell": np.array(0.05),
+    "names": np.array(["a", "bc"]),
+}
+TENSORS = {"motion": torch.arange(16.0).reshape(4, 4), "count": torch.tensor(3)}
+
+
+def same(found: Any, wanted: Any) -> bool:
+    return set(found) == set(wanted) and all(
+        found[name].dtype == value.dtype
+        and found[name].shape == value.shape
+        and np.array_equal(np.asarray(found[name]), np.asarray(value))
+        for name, value in wanted.items()
+    )
+
+
+def test_arrays_come_back_and_numpy_reads_them_too(tmp_path: Path) -> None:
+    save_arrays(tmp_path / "map.npz", ARRAYS)
+    assert same(load_arrays(tmp_path / "map.npz"), ARRAYS)
+    with np.load(tmp_path / "map.npz") as file:
+        assert np.array_equal(file["cells"], ARRAYS["cells"])
+    assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]
+
+
+def test_what_has_no_checksum_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "map.npz", **ARRAYS)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"map\.npz has no checksum"):
+        load_arrays(tmp_path / "map.npz")
+    np.savez(tmp_path / "map.npz", cells=ARRAYS["cells"], checksum=np.array("0" * 64))
+    with pytest.raises(InputError, match="its checksum does not fit"):
+        load_arrays(tmp_path / "map.npz")
+    with pytest.raises(InputError, match="is missing"):
+        load_arrays(tmp_path / "none.npz")
+
+
+def read_weights(path: Path) -> Any:
+    return read_tensors(path, "weights")[0]
+
+
+@pytest.mark.parametrize(
+    ("save", "load", "wanted"),
+    [
+        (lambda path: save_arrays(path, ARRAYS), load_arrays, ARRAYS),
+        (lambda path: save_tensors(TENSORS, path), read_weights, TENSORS),
+    ],
+    ids=["npz", "safetensors"],
+)
+def test_a_damaged_file_is_never_believed(
+    tmp_path: Path, save: Callable[[Path], None], load: Callable[[Path], Any], wanted: Any
+) -> None:
+    """Any byte of it, and any end: what is read is what was written, or it is refused."""
+    path, chance, refused = tmp_path / "file.npz", random.Random(1), 0
+    save(path)
+    whole = path.read_bytes()
+    for n in range(400):
+        damaged = bytearray(whole)
+        if n % 4:
+            damaged[chance.randrange(len(whole))] ^= chance.randrange(1, 256)
+        else:
+            del damaged[chance.randrange(len(whole)) :]
+        path.write_bytes(damaged)
+        found, why = outcome(load, path)
+        assert found is None or same(found, wanted)
+        assert found is not None or ("file.npz" in why and "\n" not in why)
+        refused += found is None
+    assert refused > 200
+
+
+def outcome(load: Callable[[Path], Any], path: Path) -> tuple[Any, str]:
+    """What was read, or why nothing was."""
+    try:
+        return load(path), ""
+    except InputError as error:
+        return None, str(error)
+
+
+@pytest.mark.parametrize("read", [load_arrays, read_weights, toml_values, read_text])
+def test_only_regular_files_of_a_stated_size_are_read(read: Callable[[Path], Any], tmp_path: Path) -> None:
+    """A pipe without a writer would be waited for, a device has no end, and a file with a hole takes no disk."""
+    os.mkfifo(tmp_path / "pipe")
+    with (tmp_path / "hole").open("wb") as file:
+        file.truncate(3 << 30)
+    for path, words in (
+        *((tmp_path / "pipe", "no regular file"), (Path("/dev/zero"), "no regular file")),
+        *((tmp_path, "no regular file"), (tmp_path / "hole", "are the most")),
+    ):
+        with pytest.raises(InputError, match=words):
+            read(path)
+
+
+def test_a_file_that_never_ends_is_read_to_its_limit() -> None:
+    with pytest.raises(InputError, match="has more than 10 bytes"):
+        read_text("/proc/self/status", 10)
+
+
+def test_arrays_that_a_file_declares_are_limited_before_they_are_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "map.npz"
+    np.savez_compressed(path, cells=np.zeros(1 << 20))
+    assert path.stat().st_size < 1 << 14
+    monkeypatch.setattr(files, "DECLARED_BYTES", 1 << 20)
+    with pytest.raises(InputError, match="declares 1 arrays of 8388608 bytes"):
+        load_arrays(path)
+
+
+@pytest.mark.parametrize("text", ["a." * 20_000 + "a = 1", "[" + "a." * 500 + "a]", "b = {" + "a." * 500 + "a = 1}"])
+def test_keys_of_many_parts_are_refused_at_once(text: str, tmp_path: Path) -> None:
+    (tmp_path / "config.toml").write_text(text)
+    began = time.process_time()
+    with pytest.raises(InputError, match="a key of more than 32 parts"):
+        toml_values(tmp_path / "config.toml")
+    assert time.process_time() - began < 2.0
+
+
+def test_numbers_and_nested_tables_are_not_many_parts(tmp_path: Path) -> None:
+    (tmp_path / "config.toml").write_text(f"a.b.c = {[0.5] * 99}\nd = 'x.y'\n")
+    assert toml_values(tmp_path / "config.toml") == {"a": {"b": {"c": [0.5] * 99}}, "d": "x.y"}
+
+
+def test_a_mark_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "settings.json")
+    assert place_for(tmp_path, {"a": 1}).folder != tmp_path

@@ -44,10 +44,3 @@ def test_chunks_and_batches_give_the_same() -> None:
     torch.testing.assert_close(torch.cat([first, second], 1), whole)
     torch.testing.assert_close(motion.maps(motion.advance(frames[1])), whole[1, -1])
     assert int(last.steps) == int(state.steps) == 8
-
-
-def test_mirrored_frames_give_mirrored_maps() -> None:
-    motion = CoherentMotion((48, 60), 0.04)
-    maps, mirrored = (motion.maps(motion.advance(frames)) for frames in (drift((1, 0)), drift((1, 0)).flip(-1)))
-    back = [(motion.velocities == v * torch.tensor([-1.0, 1.0])).all(1).nonzero()[0, 0] for v in motion.velocities]
-    torch.testing.assert_close(mirrored[torch.stack(back)].flip(-1), maps, atol=1e-5, rtol=1e-4)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
 
@@ -9,6 +11,7 @@ from ndtorch.scenes import Bar, BarScene
 from ndtorch.utils.backend import set_backend
 from ndtorch.vision import LocalFeatures, VisualFeatures, field_weights
 from ndtorch.vision.motion import Border
+from ndtorch.vision.receptive_fields import Edge, Shape, means
 
 
 @pytest.mark.parametrize(("size", "border"), [((500, 500), "wrap"), ((90, 120), "wrap"), ((432, 600), "reflect")])
@@ -32,15 +35,6 @@ def test_every_field_agrees_with_the_feature_images() -> None:
     expected = torch.einsum("rh,fhw,cw->rcf", rows, images[-1], rows)
     error = (signals[-1] - expected).abs().amax((0, 1)) / expected.amax((0, 1)).clamp_min(1e-3)
     assert float(error.max()) < 0.03
-
-
-def test_a_bar_is_seen_where_it_is() -> None:
-    local = LocalFeatures(VisualFeatures((320, 320)), 10)
-    frames = BarScene([Bar((0.1, 0.9, 0.1), 0.0, (112.0, 240.0))], 0.5, size=(320, 320)).frames(0, 50)
-    signals, _ = local(frames)
-    seen = signals[-1].flatten(0, 1)
-    assert divmod(int(seen[:, 1].argmax()), 10) == (7, 4)  # right, half a second later at column 137
-    assert divmod(int(seen[:, 8].argmax()), 10) == (7, 4)  # green
 
 
 @pytest.mark.parametrize("border", ["wrap", "reflect"])
@@ -69,3 +63,38 @@ def test_kernels_give_what_torch_gives(kind: torch.dtype, border: Border) -> Non
     assert float(error) < (1e-6 if kind == torch.float64 else 2e-5)
     for part, other in zip(last, end, strict=True):
         torch.testing.assert_close(part, other, rtol=0, atol=1e-6)
+
+
+def tents(length: int, fields: int) -> torch.Tensor:
+    return means(field_weights(torch.arange(length) + 0.5, length, fields, "open", "tent"))
+
+
+@pytest.mark.parametrize("shape", ["cosine", "tent"])
+@pytest.mark.parametrize("border", ["wrap", "reflect"])
+@pytest.mark.parametrize(("length", "fields"), [(500, 16), (120, 7), (33, 5), (40, 1)])
+def test_windows_add_up_to_one_everywhere(shape: Shape, border: Edge, length: int, fields: int) -> None:
+    weights = field_weights(torch.arange(length, dtype=torch.float64) + 0.5, length, fields, border, shape)
+    assert weights.shape == (fields, length)
+    assert float((weights.sum(0) - 1).abs().max()) < 1e-12
+    assert float(weights.min()) >= 0
+
+
+def test_a_window_is_a_raised_cosine() -> None:
+    weights = field_weights(torch.tensor([15.0, 20.0, 22.5, 25.0, 35.0]), 100, 10)
+    half = 0.5 + 0.5 * math.cos(math.pi * 0.75)
+    assert weights[1].tolist() == pytest.approx([1.0, 0.5, half, 0.0, 0.0], abs=1e-6)
+
+
+def test_a_window_is_a_tent() -> None:
+    weights = field_weights(torch.tensor([1.0, 5.0, 20.0, 22.5, 25.0]), 100, 10, "open", "tent")
+    assert weights[0].tolist() == pytest.approx([0.6, 1.0, 0.0, 0.0, 0.0], abs=1e-6)
+    assert weights[1].tolist() == pytest.approx([0.0, 0.0, 0.5, 0.25, 0.0], abs=1e-6)
+
+
+def test_fields_are_means_and_overlap_by_half() -> None:
+    weights = tents(12, 3)
+    assert torch.allclose(weights.sum(1), torch.ones(3))
+    # Where the first falls off, the second rises: both see the pixels between their centers.
+    assert ((weights[0] > 0) & (weights[1] > 0)).sum() == 4
+    assert weights[1].argmax() in (5, 6)
+    assert torch.equal(tents(5, 1), torch.full((1, 5), 0.2))

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
 from numpy.testing import assert_allclose
 
 from ndtorch.vision import HassensteinReichardt
 from ndtorch.vision.motion import BORDERS, Border
-from tests.strategies import chunkings, in_chunks
 
 LEFT, RIGHT, DOWN, UP = range(4)
 
@@ -87,16 +85,6 @@ def test_transposing_swaps_right_with_down_and_left_with_up() -> None:
 def test_a_static_scene_moves_nothing(border: Border) -> None:
     out, _ = HassensteinReichardt(border=border)(noise(3, 9, 9).float().expand(20, 3, 9, 9))
     assert not out.any()
-
-
-@settings(max_examples=15, deadline=None)
-@given(lengths=chunkings(9))
-def test_chunks_give_the_whole(lengths: list[int]) -> None:
-    module, frames = HassensteinReichardt(), noise(9, 3, 6, 5).float()
-    whole, end = module(frames)
-    parts, part_end = in_chunks(module, frames, lengths, -4)
-    assert_allclose(parts, whole, atol=1e-7)
-    assert_allclose(part_end.delayed, end.delayed, atol=1e-7)
 
 
 @pytest.mark.parametrize("border", BORDERS)

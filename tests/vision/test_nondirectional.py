@@ -39,20 +39,6 @@ def test_values():
                 assert nds[t][n] == pytest.approx(before + here + after, abs=1e-12)
 
 
-@pytest.mark.parametrize("sensor", SENSORS, ids=lambda s: type(s).__name__)
-def test_chunks_frames_and_batches_agree(sensor):
-    x = video(3, 7, 1, 2, 9)
-    whole, final = sensor(x)
-    for sizes in ([3, 4], [1] * 7):
-        parts, state = [], None
-        for chunk in x.split(sizes, dim=1):
-            out, state = sensor(chunk, state)
-            parts.append(out)
-        assert torch.equal(torch.cat(parts, 1), whole)
-        assert str(state) == str(final)
-    torch.testing.assert_close(sensor(x[1])[0], whole[1])
-
-
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0, 1))
 def test_static_scene_is_zero(seed, tau):
@@ -74,14 +60,6 @@ def test_gradients_and_precision(sensor):
     x = video(3, 1, 1, 6, dtype=torch.float64)
     assert gradcheck(lambda y: sensor(y)[0], (x.requires_grad_(),))
     torch.testing.assert_close(sensor(x.float())[0].double(), sensor(x)[0], atol=1e-5, rtol=1e-4)
-
-
-@pytest.mark.parametrize("sensor", [NDMin(), NDS()], ids=lambda s: type(s).__name__)
-def test_compiles(sensor):
-    torch._dynamo.reset()
-    x = video(3, 1, 1, 16)
-    compiled = torch.compile(sensor, backend="eager", fullgraph=True)
-    torch.testing.assert_close(compiled(x)[0], sensor(x)[0])
 
 
 def test_spatial_maximum():

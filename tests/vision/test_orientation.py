@@ -106,7 +106,7 @@ def worst_error(size: tuple[int, int], border: Border, image: torch.Tensor) -> f
 
 
 @pytest.mark.parametrize("border", BORDERS)
-@pytest.mark.parametrize("degrees", [-30.0, 13.0, 90.0, 180.0])
+@pytest.mark.parametrize("degrees", [-30.0, 90.0])
 @pytest.mark.parametrize(("size", "limit"), [((500, 500), 0.005), ((243, 331), 0.01)])
 def test_quick_sums_of_moving_bars(size: tuple[int, int], limit: float, border: Border, degrees: float) -> None:
     scene = moving_bar(degrees, size=size, fps=10, seconds=0.8, start=(150.0, 110.0))
@@ -115,7 +115,7 @@ def test_quick_sums_of_moving_bars(size: tuple[int, int], limit: float, border: 
 
 @pytest.mark.parametrize("size", [(500, 500), (243, 331)])
 @pytest.mark.parametrize("border", BORDERS)
-@pytest.mark.parametrize("sigma", [1.0, 4.0, 12.0])
+@pytest.mark.parametrize("sigma", [1.0, 12.0])
 def test_quick_sums_of_natural_images(size: tuple[int, int], border: Border, sigma: float) -> None:
     assert worst_error(size, border, natural(size, 5, sigma)) < 0.01
 

@@ -1,4 +1,4 @@
-"""First-order filters against scipy.signal, the recent maximum against a loop."""
+"""First-order filters against scipy.signal and in blocks, the recent maximum, the alpha-beta filter by hand."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 from ndtorch.vision import HighPass, LowPass, RunningMax
-from tests.strategies import chunkings, in_chunks
+from ndtorch.vision.blocks import BlockLowPass, low_pass
+from ndtorch.vision.temporal import corrected, predicted
+from tests.strategies import chunkings
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -50,24 +52,6 @@ def test_tau_zero_passes_and_tau_inf_holds_the_first_sample() -> None:
     assert torch.equal(HighPass(math.inf, 0.01, 1)(x)[0], x - x[:1])
 
 
-@pytest.mark.parametrize("kind", [LowPass, HighPass])
-@pytest.mark.parametrize("tau", [0.0, 0.1, math.inf])
-@settings(max_examples=15, deadline=None)
-@given(lengths=chunkings(20))
-def test_chunks_give_the_whole(kind: type[torch.nn.Module], tau: float, lengths: list[int]) -> None:
-    x, module = noise(2, 20, 3), kind(tau, 0.01, 1)
-    whole, end = module(x)
-    parts, part_end = in_chunks(module, x, lengths, -2)
-    assert torch.equal(parts, whole)
-    assert torch.equal(part_end.low, end.low)
-
-
-@pytest.mark.parametrize("kind", [LowPass, HighPass])
-def test_gradients(kind: type[torch.nn.Module]) -> None:
-    x = noise(5, 3).requires_grad_()
-    assert torch.autograd.gradcheck(lambda v: kind(0.1, 0.05, 1)(v)[0], (x,))
-
-
 def recent_max(x: np.ndarray, window: int) -> np.ndarray:
     return np.stack([x[max(0, t - window + 1) : t + 1].max(0) for t in range(len(x))])
 
@@ -80,11 +64,27 @@ def test_recent_max_looks_back_over_its_window(seconds: float, window: int) -> N
     assert state.history.shape == (window - 1, 3)
 
 
-@settings(max_examples=25, deadline=None)
-@given(seconds=st.sampled_from([0.0, 0.02, 0.07, 0.5]), lengths=chunkings(24))
-def test_recent_max_in_chunks(seconds: float, lengths: list[int]) -> None:
-    x, module = noise(2, 24, 3), RunningMax(seconds, 0.01)
-    whole, end = module(x)
-    parts, part_end = in_chunks(module, x, lengths, -2)
-    assert torch.equal(parts, whole)
-    assert torch.equal(part_end.history, end.history)
+def test_one_step_of_the_alpha_beta_filter_by_hand() -> None:
+    place, velocity = torch.tensor([1.0, 2.0]), torch.tensor([3.0, -1.0])
+    there = predicted(place, velocity, 0.5)
+    assert there.tolist() == [2.5, 1.5]
+    place, velocity = corrected(there, velocity, torch.tensor([0.4, 0.0]), 0.5, 0.1, 0.5)
+    assert_allclose(place, [2.7, 1.5])
+    assert_allclose(velocity, [3.08, -1.0], rtol=1e-6)
+
+
+@settings(max_examples=20, deadline=None)
+@given(a=st.floats(0.001, 1.0), lengths=chunkings(130))
+def test_block_low_pass_is_the_loop(a: float, lengths: list[int]) -> None:
+    signals = torch.randn(130, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    expected, low = [], signals[0]
+    for sample in signals:
+        low = low + a * (sample - low)
+        expected.append(low)
+    state, parts = signals[0], []
+    for chunk in torch.split(signals, lengths):
+        out, state = low_pass(BlockLowPass(a, 50), chunk, state)
+        parts.append(out)
+    assert_allclose(torch.cat(parts), torch.stack(expected), atol=1e-12)
+    module, _ = LowPass(1 / a - 1, 1.0, 1)(signals)
+    assert_allclose(torch.cat(parts), module, atol=1e-9)

@@ -73,7 +73,7 @@ class Evaluate:
         from ndtorch.run.folder import place_for
         from ndtorch_robot.evaluation.drives import DriveCache, drive_once, finish
 
-        drives = self.drives()
+        drives, processes = self.drives(), self.processes()
         place = place_for(self.out, settings_of(drives), force=self.force)
         place.take_over("drives")
         out = place.folder
@@ -84,7 +84,7 @@ class Evaluate:
             missing = [d for d in drives if cache.get(d) is None]
             form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s, {rate_fmt}, {remaining} left"
             look = {"unit": "x", "bar_format": form}
-            troubles = finish(drive_once, missing, cache, self.processes(), name_of, lambda d: d.seconds, **look)
+            troubles = finish(drive_once, missing, cache, processes, name_of, lambda d: d.seconds, **look)
         except KeyboardInterrupt:
             interrupted = True
         found = [(d, summary) for d in drives if (summary := cache.get(d)) is not None]

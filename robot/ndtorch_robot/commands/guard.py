@@ -61,7 +61,9 @@ class Guard:
         assert self.config is not None
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         if not config.bridges:
-            raise InputError("nobody gives a command: add [bridges.ros2], [bridges.mavlink] or [bridges.gamepad]")
+            raise InputError(
+                f"{self.config}: nobody gives a command: add [bridges.ros2], [bridges.mavlink] or [bridges.gamepad]"
+            )
         report, wish = timed_report(), Wish()
         real_time_priority(report)
         with contextlib.ExitStack() as stack:

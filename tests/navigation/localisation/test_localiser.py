@@ -69,18 +69,6 @@ def test_it_stays_where_it_is_when_dead_reckoning_drifts_away(drive):
     assert np.median(aside) < 0.03
 
 
-def test_a_state_is_not_changed_and_goes_on_the_same(drive):
-    poses, driven, rows = drive
-    reckoned = reckon(poses, driven, 0.02, 0.0)
-    localiser = Localiser(RIG, DT, EVERY_STEP)
-    whole, _ = run(localiser, rows, reckoned, stop=20)
-    first, state = run(localiser, rows, reckoned, stop=10)
-    before = state.ndt_map.copy()
-    second, _ = run(Localiser(RIG, DT, EVERY_STEP), rows[10:], reckoned[10:], state, stop=10)
-    assert np.array_equal(state.ndt_map, before)
-    assert np.array_equal(np.concatenate((first, second)), whole)
-
-
 def test_a_standing_car_learns_nothing_from_what_it_sees_again(drive):
     poses, driven, rows = drive
     reckoned = reckon(poses, driven, 0.01, 0.0)

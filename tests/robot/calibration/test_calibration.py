@@ -8,13 +8,13 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch_robot.calibration import (
-    Board,
     Calibration,
     Rectifier,
     calibrate,
     faults,
     find_corners,
     find_view,
+    read_calibration,
     write_calibration,
 )
 from ndtorch_robot.calibration.solve import rectified
@@ -174,7 +174,30 @@ def test_bad_views_are_refused():
         assert message in " ".join(faults(measured().quality.model_copy(update=change)))
 
 
-@pytest.mark.parametrize("arguments", [(9, 9, 0.02), (2, 6, 0.02), (9, 6, 0.0), (9, 6, 40.0)])
-def test_bad_boards(arguments):
-    with pytest.raises(InputError):
-        Board(*arguments)
+def test_file_round_trip(tmp_path):
+    path = tmp_path / "deep" / "pair.toml"
+    write_calibration(measured(), path)
+    assert read_calibration(path) == measured()
+    text = path.read_text()
+    assert "baseline" not in text.splitlines()[1]
+    assert all(key in text for key in ("width_px", "translation_m", "rotation_rad", "fx_px", "[quality]", "row_px"))
+    with pytest.raises(InputError, match="cannot write the calibration"):
+        write_calibration(measured(), tmp_path / "deep" / "pair.toml" / "x.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("fx_px = 4", "fx_px = -4", "fx_px"),
+        ("width_px = 640", "width_px = 640\nwidth = 3", "unknown key 'width'"),
+        ('calibration 1"', 'calibration 9"', "format"),
+    ],
+)
+def test_bad_files(tmp_path, old, new, message):
+    path = tmp_path / "pair.toml"
+    write_calibration(measured(), path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        read_calibration(path)

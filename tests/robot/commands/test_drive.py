@@ -7,8 +7,6 @@ import pytest
 
 import ndtorch_robot.car
 from ndtorch.cli.commands import main
-from ndtorch.errors import InputError
-from ndtorch_robot.config import load_config
 
 MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
 PICTURES = ["map.png", "path.png", "rows.png", "speeds.png"]
@@ -90,46 +88,3 @@ def test_ctrl_c(tmp_path, capsys, monkeypatch):
     assert main(["drive", "--out", str(tmp_path)]) == 130
     assert "(interrupted)" in capsys.readouterr().out
     assert sorted(p.name for p in tmp_path.iterdir()) == [name for name in FILES if name not in PICTURES]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--arena", "halway"], "no arena 'halway', choose one of hallway"),
-        (["--controller", "pid"], "got 'pid'"),
-        (["--compiled"], "--compiled is gone: steps are always compiled"),
-        (["--seconds", "-1"], "seconds must be a number from 0"),
-        (["--seconds", "nan"], "seconds"),
-        (["--features", "0"], "features must be a whole number"),
-        (["nowhere.toml"], "no such file"),
-        (["--out", "/proc/nothing"], "cannot write there"),
-    ],
-)
-def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(["drive", *arguments]) == 2
-    err = capsys.readouterr().err
-    assert message in err
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("secnods = 3", "unknown key 'secnods'; did you mean seconds?"),
-        ('seconds = "60 s"', "seconds = '60 s'"),
-        ('angle = "degrees"', "angle = 'degrees': should be 'atan' or 'linear'"),
-        ("seed = 1.5", "seed = 1.5"),
-        ("pedestrian = 7", "pedestrian = 7"),
-        ("compiled = true", "compiled is gone: steps are always compiled"),
-        ("seconds = [", "not a TOML file"),
-    ],
-)
-def test_bad_files(tmp_path, text, message):
-    file = tmp_path / "bad.toml"
-    file.write_text(text)
-    with pytest.raises(InputError) as error:
-        load_config(file, {})
-    assert message in str(error.value)
-    assert "\n" not in str(error.value)

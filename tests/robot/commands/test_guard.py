@@ -5,26 +5,10 @@ import json
 import threading
 from types import SimpleNamespace
 
-import pytest
-
 from ndtorch.cli.commands import main
 from ndtorch_robot.evaluation import guard as evaluation
 from ndtorch_robot.guard import Guard
 from tests.robot.support.known_state import known_step
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "guard needs the file of a car, or --arenas to be judged in"),
-        (["sim", "--arenas", "office"], "guard needs the file of a car, or --arenas to be judged in"),
-        (["sim"], "nobody gives a command: add [bridges.ros2]"),
-        (["sim", "--seconds", "-1"], "--seconds must be"),
-    ],
-)
-def test_refused(arguments, message, capsys):
-    assert main(["guard", *arguments]) != 0
-    assert message in capsys.readouterr().err
 
 
 def test_a_car_is_steered_by_the_guard_and_its_bridges_give_the_wish(monkeypatch, tmp_path, capsys):

@@ -53,32 +53,6 @@ def car(monkeypatch: pytest.MonkeyPatch) -> Car:
     return made
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["sim", "--seconds", "0"], "--seconds must be positive, got 0"),
-        (["sim", "--seconds", "nan"], "--seconds must be a number from 0 to 10000000, got nan"),
-        (["maxstone8", "--disturbance", "noise"], "--disturbance is for simulated worlds, and this car has cameras"),
-        (["simm"], "simm"),
-    ],
-)
-def test_refused_before_a_car_is_opened(
-    arguments: list[str], message: str, car: Car, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["run", *arguments]) == 2
-    assert message in capsys.readouterr().err
-    assert car.asked == []
-
-
-def test_a_map_that_is_not_made_cannot_be_saved(car: Car, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    config = tmp_path / "car.toml"
-    config.write_text(toml_file(Path("sim"), "ndtorch_robot", "configs").read_text())
-    assert main(["run", str(config), "--save-map", str(tmp_path / "map")]) == 2
-    assert "--save-map needs a map: set map_half_size_m" in capsys.readouterr().err
-    assert car.asked == []
-    assert not (tmp_path / "map").exists()
-
-
 def test_the_summary_is_one_object_or_one_line_each(car: Car, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "sim", "--seconds", "2", "--go", "--json"]) == 0
     out, err = capsys.readouterr()

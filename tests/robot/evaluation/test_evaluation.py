@@ -193,25 +193,3 @@ def test_drives_that_fail_are_named(tmp_path, capsys, monkeypatch):
     out, err = capsys.readouterr()
     assert "failed: room, seed 7, textured, published: ValueError: broken" in err
     assert "seeds below 1000 were used in tuning" in out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--arenas", "halway"], "no arena 'halway'"),
-        (["--controllers", "pid"], "got 'pid'"),
-        (["--seeds", "-1"], "seed = -1"),
-        (["--seeds"], "--seeds and --walls need one value or more"),
-        (["--seconds", "0"], "seconds = 0"),
-        (["--jobs", "-2"], "--jobs must be 1 or more"),
-        (["--out", "/proc/nothing"], "cannot write there"),
-        (["nowhere.toml"], "no such file"),
-    ],
-)
-def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(["evaluate", "--arenas", "room", *arguments]) == 2
-    err = capsys.readouterr().err
-    assert message in err
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1

@@ -1,4 +1,4 @@
-"""The scorer on maps whose worth is known."""
+"""The scorer on maps whose worth is known, and what is kept of a drive."""
 
 from dataclasses import replace
 
@@ -18,6 +18,7 @@ from ndtorch_robot.evaluation.metrics import (
     true_edges,
     visible,
 )
+from ndtorch_robot.evaluation.record import Record
 from ndtorch_robot.sim.plan import Plan, cylinder, ring
 from ndtorch_robot.sim.procedural_textures import ALONG
 from ndtorch_robot.sim.shapes import Box, trace
@@ -141,3 +142,18 @@ def test_collisions_by_place_and_by_who():
         "people_hit": 1,
         "hit_while_standing": 1,
     }
+
+
+@pytest.mark.parametrize(
+    ("commands", "turns"),
+    [
+        ([(0.5, 0), (0.5, 1), (0.4, 2), (0.5, 0), (0.5, 1)], 2),  # a turn that gets tighter is one
+        ([(0.5, 1), (0.5, -1)], 2),
+        ([(0.5, 0), (-0.3, 1.9), (-0.3, 1.6), (-0.3, 1.3), (0.5, 0)], 0),  # back on the way it came
+        ([], 0),
+    ],
+)
+def test_turns_are_counted_when_they_begin(commands, turns):
+    made = object.__new__(Record)
+    made.command = [np.array(pair) for pair in commands]
+    assert made.turns == turns

@@ -1,14 +1,22 @@
-"""Random scenes: a seed is a scene, superposed sums are those of frames, and every bar has true features."""
+"""Drawn scenes: random, hard and over time. A seed is a scene, and sets are what they say."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import torch
 from numpy.testing import assert_allclose
 
+from ndtorch.errors import InputError
+from ndtorch_train.benchmark import over_time
 from ndtorch_train.benchmark.bar_scenes import (
     ALIKE,
+    FPS,
+    MOST_SCENES,
     RANDOM,
+    SETTLE,
     RenderedBars,
     Restriction,
     SceneSet,
@@ -21,6 +29,8 @@ from ndtorch_train.benchmark.bar_scenes import (
     superposed,
     true_features,
 )
+from ndtorch_train.benchmark.bar_scenes import FIRST_SEED as FIRST_SEED_OF_RANDOM
+from ndtorch_train.benchmark.hard_scenes import FADE, FIRST_SEED, HARD, HARD_SECONDS, hard_scenes, hard_trial
 from ndtorch_train.superposed import rendered_sums
 
 
@@ -79,3 +89,64 @@ def test_scenes_are_drawn_as_the_set_says(chosen: SceneSet) -> None:
         if chosen.restriction.same_direction:
             assert len({(bar.direction, bar.orientation) for bar in scene.bars}) == 1
     assert {scene.seed for scene in scenes}.isdisjoint(s.seed for s in scenes_of(chosen, "test", 6))
+
+
+SETS = {hard.name: hard for hard in HARD}
+
+
+def test_the_seeds_of_the_sets_and_splits_have_none_in_common() -> None:
+    ranges = [range(start, start + MOST_SCENES) for start in (*FIRST_SEED.values(), *FIRST_SEED_OF_RANDOM.values())]
+    assert sum(map(len, ranges)) == len(set().union(*({r.start, r[-1]} for r in ranges))) * MOST_SCENES // 2
+    drawn = [one.scene.seed for hard in HARD for one in hard_scenes(hard, "tune", 2)]
+    assert len(set(drawn)) == 2 * len(HARD)
+
+
+@pytest.mark.parametrize("name", ["6 objects", "none, smooth", "12.5/s, 10 % lost", "one leaves"])
+def test_sets_are_what_they_say(name: str) -> None:
+    hard = SETS[name]
+    trial = hard_trial(hard, "tune", 2)
+    assert trial.sums.shape == (2, -(-round((SETTLE + hard.seconds) * FPS) // hard.every), 10)
+    expected = {"6 objects": [6, 6], "none, smooth": [0, 0], "12.5/s, 10 % lost": [1, 2], "one leaves": [1, 2]}
+    assert [len(truth) for truth in trial.truth] == expected[name]
+    repeated = (trial.sums.diff(dim=1) == 0).all(-1).float().mean()
+    assert (repeated > 0.05) == bool(hard.lost)
+
+
+def test_a_bar_that_leaves_is_dark_afterwards() -> None:
+    [one] = hard_scenes(SETS["one leaves"], "tune", 1)
+    moment = round((SETTLE + HARD_SECONDS + FADE) * FPS)
+    gone = [bar for bar in one.scene.bars if not bar.light[moment:].any()]
+    assert len(gone) == 1
+    assert len(one.scene.bars) == len(one.shown.bars) + 1
+
+
+@pytest.mark.parametrize("name", over_time.SETS)
+def test_every_scene_has_its_bars_and_the_splits_have_none_in_common(name: str) -> None:
+    tune, test = (over_time.scenes_of(name, split, 2)[1]() for split in ("tune", "test"))
+    assert tune.truth.shape[1] == 10
+    assert tune.truth.any(1).all()
+    assert not torch.equal(tune.source.frames(100, 101), test.source.frames(100, 101))
+
+
+def test_bars_of_crossings_cover_each_other() -> None:
+    for draw in over_time.scenes_of("crossings", "tune", 3):
+        source = draw().source
+        assert isinstance(source, over_time.RenderedBars)
+        first, *others = source.scene.bars
+        seconds = np.arange(over_time.COVERED_FROM, over_time.COVERED_TO, 0.05)
+        for other in others:
+            away = np.stack([over_time.place(first, s) - over_time.place(other, s) for s in seconds])
+            away = (away + 250) % 500 - 250
+            assert np.hypot(*away.T).min() < over_time.WIDTH
+
+
+def test_sums_are_kept(tmp_path: Path) -> None:
+    (draw, *_) = over_time.scenes_of("random", "tune", 1)
+    first = over_time.kept_sums(draw, 0.1, tmp_path / "sums.npy")
+    assert first.shape == (10, 10)
+    assert torch.equal(first, over_time.kept_sums(lambda: pytest.fail("rendered again"), 0.1, tmp_path / "sums.npy"))
+
+
+def test_times_that_no_scene_has_are_refused() -> None:
+    with pytest.raises(InputError, match="seconds"):
+        over_time.over_time_benchmark(["scale-free"], ["random"], 1, 500.0, "tune")

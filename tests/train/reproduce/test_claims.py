@@ -1,13 +1,17 @@
-"""The list of claims."""
+"""The list of claims, where they are tried, and what a reader gets."""
 
 from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import files_of
 from ndtorch_train.reproduce.claims import CLAIMS, chosen
-from ndtorch_train.reproduce.experiment import verdict_of, with_better
+from ndtorch_train.reproduce.experiment import Claim, Context, Outcome, ResultCache, run_claim, verdict_of, with_better
+from ndtorch_train.reproduce.page import Entry, as_json, markdown, not_run, page, tally
 
 
 def test_every_claim_of_the_list_is_there() -> None:
@@ -47,3 +51,60 @@ def test_verdicts() -> None:
 
 def test_better_parts_stand_behind_what_they_better() -> None:
     assert [claim.id for claim in with_better(chosen(["B5", "B7", "C9"]))] == ["B5", "B7", "B7+", "C9", "C9+"]
+
+
+def test_runs_of_one_claim_at_once_leave_one_whole_result_and_nothing_of_one_that_was_killed(tmp_path: Path) -> None:
+    at_work: list[int] = []
+
+    def tried(context: Context) -> Outcome:
+        assert not at_work
+        at_work.append(1)
+        assert list(context.folder.iterdir()) == []
+        (context.folder / "kept.txt").write_text("1")
+        at_work.pop()
+        return Outcome("0.1", "holds", "")
+
+    claim = Claim("Z1", "[Z]", "text", "printed", "none", tried, {}, {}, (1.0, 1.0), ("ndtorch.errors",))
+    place = ResultCache(tmp_path).place(claim, False)
+    killed = place.with_name(f"{place.name}.part")
+    killed.mkdir()
+    (killed / "figure.png").touch()
+    with ThreadPoolExecutor(2) as pool:
+        runs = [pool.submit(run_claim, claim, False, tmp_path, "code", lambda *_: None) for _ in range(20)]
+        assert [run.result() for run in runs] == 20 * [None]
+    assert sorted(path.name for path in place.iterdir()) == ["kept.txt", "result.json"]
+    assert not killed.exists()
+
+
+def entries() -> list[Entry]:
+    """A claim that holds, one that holds with better parts only, and one whose better parts were not tried."""
+    holds, fails, slow = chosen(["A3", "B7", "C8"])
+    assert fails.better is not None
+    assert slow.better is not None
+    with_them = Entry(fails.better, Outcome("80 of 90", "holds", "Because."), {"seconds": 1}, [], None)
+    return [
+        Entry(holds, Outcome("yes", "holds", ""), {}, [], None),
+        Entry(fails, Outcome("31 of 90", "partly", "Too few."), {}, [], None, with_them),
+        Entry(slow, Outcome("one", "does not hold", ""), {}, [], None, not_run(slow.better)),
+    ]
+
+
+def test_the_second_verdict_is_counted_only_where_it_was_tried() -> None:
+    words = "1 claim holds, 1 holds in part, 1 does not hold; with the better parts 2 claims hold, 1 does not hold"
+    assert tally(entries()) == words
+    assert tally(entries()[:1]) == "1 claim holds"
+
+
+def test_both_verdicts_stand_in_table_json_and_page() -> None:
+    (_, row, _) = [
+        line for line in markdown(entries(), False, "x").splitlines() if line[:4] in ("| A3", "| B7", "| C8")
+    ]
+    assert "| **partly** | Too few. | holds, the scale-free model: 80 of 90. Because. |" in row
+    first, second, _ = map(as_json, entries())
+    assert first["better"] is None
+    assert (second["verdict"], second["better"]["verdict"]) == ("partly", "holds")
+    assert second["better"]["parts"] == "the scale-free model"
+    assert "tolerance" not in second["better"]
+    text = page(entries(), False, "x")
+    assert "with the better parts" in text
+    assert "the scale-free model: 80 of 90. Because." in text

@@ -1,4 +1,4 @@
-"""Trials of binding: batches that give what single trials give."""
+"""Trials of binding, in batches that give what single trials give, and of driving."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from typing import Any
 
 import pytest
 
+from ndtorch.errors import InputError
 from ndtorch_train.superposed import Bars
 from ndtorch_train.sweep import binding, driving
+from ndtorch_train.sweep.config import parse
 from ndtorch_train.sweep.parameters import Trial, trial_id
 
 DEFAULTS: Trial = {key: p.default for key, p in binding.PARAMETERS.items()}
@@ -42,3 +44,18 @@ def test_blocks_hold_what_can_be_computed_together() -> None:
     drives = [{key: p.default for key, p in driving.PARAMETERS.items()} | {"reach": r, "seed": s}
               for r in (1.0, 2.0) for s in (0, 1)]  # fmt: skip
     assert [len(block) for block in driving.blocks(drives, 4)] == [2, 2]
+
+
+def test_a_driving_trial_knows_which_thresholds_it_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, Any] = {}
+
+    def record(options: Any, progress: Any = None, thresholds: Any = None) -> None:
+        seen.update(options=options, thresholds=thresholds)
+        raise InputError("enough")
+
+    monkeypatch.setattr(driving, "record_drive", record)
+    config = parse({"kind": "driving", "vary": {"turn_threshold": [0.3]}, "fixed": {"arena": "loop"}}, "x", "n")
+    with pytest.raises(InputError, match="enough"):
+        driving.run_block(config.trials)
+    assert seen["thresholds"] == {"turn_threshold": 0.3}
+    assert seen["options"]["arena"] == "loop"
