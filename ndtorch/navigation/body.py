@@ -84,9 +84,8 @@ class Body:
     @property
     def cruise_m_per_s(self) -> float:
         """The speed at which it stops within the length in which the car of [A] does, in units of its body."""
-        unit, brake = self.unit_m, self.max_acceleration_m_per_s2
-        lag = brake * self.reaction_s
-        stopping = math.sqrt(lag * lag + 2 * brake * USUAL_STOP * unit) - lag
+        unit = self.unit_m
+        stopping = braking_speed(USUAL_STOP * unit, self.max_acceleration_m_per_s2, self.reaction_s)
         return min(USUAL_SPEED * unit, stopping, self.max_speed_m_per_s)
 
     @property
@@ -98,6 +97,12 @@ class Body:
         """The body in its own units, in which the controllers reckon."""
         lengths = {name: value / self.unit_m for name, value in vars(self).items() if name != "reaction_s"}
         return replace(self, **lengths)
+
+
+def braking_speed(free: float, deceleration: float, reaction: float) -> float:
+    """The speed v, m/s, whose stopping distance v * reaction + v^2 / (2 * deceleration) is `free`, m."""
+    lag = deceleration * reaction
+    return math.sqrt(lag * lag + 2 * deceleration * max(0.0, free)) - lag
 
 
 def rig_in_units(rig: StereoRig, unit: float) -> StereoRig:

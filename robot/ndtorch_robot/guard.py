@@ -16,6 +16,7 @@ import numpy as np
 from ndtorch.arguments import check_numbers, check_signs
 from ndtorch.errors import InputError
 from ndtorch.navigation import CRUISE, TURN
+from ndtorch.navigation.body import braking_speed
 from ndtorch.navigation.controllers.ranging._kernels import RangingState
 from ndtorch.navigation.controllers.ranging._kernels_floor import known_share, speed_share
 from ndtorch.navigation.local_grid._kernels import cell_index, costs, free_distances
@@ -145,9 +146,7 @@ class Guard:
 
     def stops_within(self, length: float) -> float:
         """The speed from which the car stops within a length, reaction included, m/s."""
-        brake = self.params.deceleration_m_per_s2 * self.unit
-        lag = brake * self.params.reaction_s
-        return math.sqrt(lag * lag + 2 * brake * max(0.0, length)) - lag
+        return braking_speed(length, self.params.deceleration_m_per_s2 * self.unit, self.params.reaction_s)
 
     def lengths(self, wish: DriveCommand, control: RangingState) -> tuple[float, float]:
         """How far the path of the wish is free, and how far it was seen free, in units of the body."""

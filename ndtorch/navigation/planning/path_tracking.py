@@ -91,18 +91,17 @@ def pure_pursuit(
 
 
 class SpeedLimits(NamedTuple):
-    """Speeds where there is room, where it is tight, into unknown cells and backward, m/s, and deceleration, m/s^2."""
+    """Speeds where there is room, where it is tight, and backward, m/s, and deceleration, m/s^2."""
 
     cruise: float
     tight: float
-    unknown: float
     reverse: float
     deceleration: float
 
 
 def speed_profile(plan: Plan, local_map: LocalMap, limits: SpeedLimits, params: PlannerParams) -> Floats:
-    """The speed at each point of a path, m/s, `[n]`: lower where it is tight or unknown, and no higher than from where
-    the car can brake to the speed of the next point."""
+    """The speed at each point of a path, m/s, `[n]`: lower where it is tight, and no higher than from where the car can
+    brake to the speed of the next point."""
     p, path = params, plan.path
     speeds = np.full(len(path), limits.cruise, np.float32)
     for n in range(len(path)):
@@ -112,9 +111,6 @@ def speed_profile(plan: Plan, local_map: LocalMap, limits: SpeedLimits, params: 
         share = (clear - p.min_clearance_m) / (p.inflation_radius_m - p.min_clearance_m)
         if limits.cruise > limits.tight:
             speeds[n] = limits.tight + (limits.cruise - limits.tight) * min(max(share, 0.0), 1.0)
-        bumper = BUMPER_M * direction
-        if plan.unknown[local_map.cell_of(x + bumper * cos, y + bumper * sin)] > 0:
-            speeds[n] = min(speeds[n], limits.unknown)
         if direction < 0:
             speeds[n] = min(speeds[n], limits.reverse)
     for n in range(len(path) - 2, -1, -1):
@@ -122,6 +118,24 @@ def speed_profile(plan: Plan, local_map: LocalMap, limits: SpeedLimits, params: 
         after = 0.0 if n + 2 < len(path) and path[n + 2, 4] != path[n + 1, 4] else float(speeds[n + 1])
         speeds[n] = min(speeds[n], math.sqrt(after**2 + 2 * limits.deceleration * length))
     return speeds
+
+
+def seen_points(plan: Plan, local_map: LocalMap) -> int:
+    """How many points of a path come before the first at which the leading bumper is over unknown cells."""
+    for n, (x, y, heading, _, direction) in enumerate(plan.path.tolist()):
+        bumper = BUMPER_M * direction
+        if plan.unknown[local_map.cell_of(x + bumper * math.cos(heading), y + bumper * math.sin(heading))] > 0:
+            return n
+    return len(plan.path)
+
+
+def seen_length(path: Floats, at: int, seen: int, here: tuple[float, float, float]) -> float:
+    """Metres along a path `[n, 6]` from the car, which has reached the point `at`, to the last of the `seen_points`;
+    inf where these are all."""
+    if seen == len(path):
+        return math.inf
+    points = np.vstack((here[:2], path[at + 1 : seen, :2]))
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
 def speed_towards(path: Floats, at: int, here: tuple[float, float, float], deceleration: float) -> float:

@@ -49,6 +49,7 @@ class Attempt(NamedTuple):
         path: true x and y ten times a second, m.
         wall_s: real time it took.
         step_ms: median of a navigation step.
+        margin_m: the least distance that was seen free beyond the braking distance; inf where the controller has none.
     """
 
     world: int
@@ -59,6 +60,7 @@ class Attempt(NamedTuple):
     path: list[tuple[float, float]]
     wall_s: float
     step_ms: float
+    margin_m: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ class Referee:
         self.world, self.simulation, self.car = world, simulation, car
         self.path: list[tuple[float, float]] = []
         self.success = self.collided = False
+        self.margin = math.inf
 
     def __call__(self, step: Step) -> None:
         if step.standing is not None:
@@ -85,6 +88,8 @@ class Referee:
         x, y, _ = self.simulation.pose
         if step.number % 3 == 0 and not self.simulation.collisions:
             self.path.append((round(x, 3), round(y, 3)))
+        if step.state is not None:
+            self.margin = min(self.margin, getattr(step.state.control, "margin", math.inf))
         self.collided = bool(self.simulation.collisions)
         self.success = not self.collided and math.dist((x, y), self.world.goal) <= self.world.within
         if self.success or self.collided or self.simulation.now() >= self.world.limit:
@@ -127,6 +132,7 @@ def attempt(entry: Entry) -> Attempt:
             referee.path,
             round(wall, 1),
             round(step, 2),
+            round(referee.margin * body.unit_m, 3),
         )
     finally:
         simulation.close()

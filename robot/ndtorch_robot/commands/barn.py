@@ -47,8 +47,8 @@ class Barn:
     """Ranges are found as with `ndtorch drive`; feature matching finds little between many similar posts."""
     robot: Path | None = None
     """The robot of this file drives, or one of robot/configs by name (default: the car of [A])."""
-    speed: float = 0.6
-    """The car drives at this speed where nothing is in its path, m/s."""
+    speed: float = 1.0
+    """The car drives at this speed where nothing is in its path, m/s; no robot exceeds that of its table [body]."""
     seed: int = 0
     """The textures of cylinders and floor follow from this number."""
     jobs: int = 0

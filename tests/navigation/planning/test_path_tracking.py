@@ -10,7 +10,7 @@ import pytest
 
 from ndtorch.navigation.planning.costmap import LocalMap
 from ndtorch.navigation.planning.params import PlannerParams
-from ndtorch.navigation.planning.path_tracking import SpeedLimits, pure_pursuit, speed_profile
+from ndtorch.navigation.planning.path_tracking import SpeedLimits, pure_pursuit, seen_length, seen_points, speed_profile
 from ndtorch.navigation.planning.planner import Plan
 
 WAY = np.array(
@@ -78,7 +78,7 @@ def test_beyond_the_end_of_a_stretch_the_next_one_begins_and_beyond_the_last_non
     assert (done.direction, done.at, done.left) == (0.0, 5, 0.0)
 
 
-LIMITS = SpeedLimits(0.5, 0.35, 0.3, 0.2, 1.5)
+LIMITS = SpeedLimits(0.5, 0.35, 0.2, 1.5)
 
 
 def test_the_speed_before_what_is_slow_is_what_can_be_braked_from():
@@ -88,14 +88,22 @@ def test_the_speed_before_what_is_slow_is_what_can_be_braked_from():
     x = [0.0, 0.2, 0.5, 0.6, 0.7]
     way = np.array([[v, 0.0, 0.0, 0.0, 1.0] for v in x], np.float32)
     seen = np.zeros((60, 60), np.float32)
-    unseen = seen.copy()
-    unseen[:, round((0.65 + 0.3 + 1) / 0.05) :] = 1  # what the bumper comes over at the last place
-    speeds = speed_profile(Plan(way, 1.0, seen + 9, unseen, seen), around, limits, PlannerParams())
-    wanted = [math.sqrt(limits.unknown**2 + 2 * 0.1 * (0.7 - v)) for v in x]
-    assert speeds.tolist() == pytest.approx(wanted, abs=1e-5)
-    assert wanted[0] < limits.cruise
     way[3:, 4] = -1.0
     speeds = speed_profile(Plan(way, 1.0, seen + 9, seen, seen), around, limits, PlannerParams())
     back = limits.reverse
     begun = [math.sqrt(0.2 * 0.5), math.sqrt(0.2 * 0.3), math.sqrt(back**2 + 0.2 * 0.1), back, back]
     assert speeds.tolist() == pytest.approx(begun, abs=1e-5)
+
+
+def test_a_path_is_seen_up_to_where_the_bumper_leads_into_unknown_cells():
+    blocked = np.zeros((60, 60), bool)
+    around = LocalMap(blocked, ~blocked, -1.0, -1.0, 0.05)
+    way = np.array([[v, 0.0, 0.0, 0.0, 1.0] for v in (0.0, 0.2, 0.5, 0.6, 0.7)], np.float32)
+    seen = np.zeros((60, 60), np.float32)
+    unseen = seen.copy()
+    unseen[:, round((0.65 + 0.3 + 1) / 0.05) :] = 1  # below the bumper at the last place
+    assert seen_points(Plan(way, 1.0, seen + 9, seen, seen), around) == 5
+    assert seen_points(Plan(way, 1.0, seen + 9, unseen, seen), around) == 4
+    assert seen_length(way, 0, 5, (0.1, 0.0, 0.0)) == math.inf
+    assert seen_length(way, 0, 4, (0.1, 0.0, 0.0)) == pytest.approx(0.5)
+    assert seen_length(way, 2, 2, (0.5, 0.0, 0.0)) == 0

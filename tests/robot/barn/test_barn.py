@@ -102,5 +102,7 @@ def test_the_referee_ends_it_at_the_goal_at_a_collision_and_in_the_end(pose, hit
     simulation = SimpleNamespace(pose=pose, collisions=hits, now=lambda: now)
     car = SimpleNamespace(ended=threading.Event())
     referee = Referee(small(), simulation, car)
-    referee(SimpleNamespace(standing=None, number=0))
+    state = SimpleNamespace(control=SimpleNamespace(margin=0.25))
+    referee(SimpleNamespace(standing=None, number=0, state=state))
+    assert referee.margin == 0.25
     assert (referee.success, referee.collided, car.ended.is_set()) == verdict

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ndtorch.navigation.body import braking_speed
 from ndtorch.navigation.controllers.contract import (
     ARRIVED,
     CRUISE,
@@ -40,7 +41,7 @@ from ndtorch.navigation.local_grid._kernels import LocalGrid, move_grid
 from ndtorch.navigation.local_grid.grid import cells_at, empty_grid
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.planning.costmap import clearance
-from ndtorch.navigation.planning.path_tracking import pure_pursuit, speed_towards
+from ndtorch.navigation.planning.path_tracking import pure_pursuit, seen_length, speed_towards
 from ndtorch.navigation.planning.planner import goal_costs, plan
 from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.stereo._kernels import Frames
@@ -135,6 +136,7 @@ class GoalControl(Controller):
             task=self.tasks[0],
             path=np.zeros((MAX_POINTS, 6), np.float32),
             points=0,
+            seen=0,
             at=0,
             due=0,
             direction=1.0,
@@ -146,6 +148,7 @@ class GoalControl(Controller):
             visited_before=0.0,
             no_progress_s=0.0,
             mode=SUPPRESSED,
+            margin=math.inf,
         )
 
     def step(
@@ -221,6 +224,7 @@ class GoalControl(Controller):
             learning: the floor is not known yet.
         """
         here, second = (pose.x, pose.y, pose.heading), round(1 / self.dt)
+        state = state._replace(margin=math.inf)
         if learning:
             return reaction, state
         state = next_task(state, here, self.tasks, self.params)
@@ -249,8 +253,11 @@ class GoalControl(Controller):
             return Command(0.0, 0.0), state._replace(due=0, vetoed=vetoed, reactive_steps=lost, mode=TURN)
         wanted = speed_towards(path, aim.at, here, p.deceleration_m_per_s2)
         free = self.free_ahead(lengths, aim.direction, aim.curvature)
-        safe = math.sqrt(2 * p.deceleration_m_per_s2 * max(0.0, free - p.reaction_distance_m))
-        speed = min(wanted, safe)
+        brake, delay = p.deceleration_m_per_s2, p.reaction_s
+        safe = braking_speed(free, brake, delay)
+        seen = seen_length(path, aim.at, state.seen, here)
+        speed = min(wanted, safe, max(braking_speed(seen, brake, delay), p.unknown_speed_m_per_s))
+        stopping = speed * delay + speed * speed / (2 * brake)
         blocked = safe < 0.1
         refused = state.vetoed + 1 if blocked else 0
         weary = refused >= second
@@ -263,6 +270,7 @@ class GoalControl(Controller):
             # What the other was about does not matter while it does not drive.
             reactive=state.reactive._replace(mode=CRUISE, age=0, has_reversed=0),
             mode=CRUISE if aim.direction > 0 else REVERSE,
+            margin=min(free, seen) - stopping if aim.direction > 0 and not blocked else math.inf,
         )
         return Command(0.0 if blocked else speed * aim.direction, aim.curvature), state
 

@@ -32,9 +32,10 @@ class GoalParams:
         goal_tolerance_m: A goal is reached within this distance.
         speed_m_per_s: The car drives at this speed where there is room.
         tight_speed_m_per_s: The car drives at this speed where it is tight.
-        unknown_speed_m_per_s: The car drives no faster than this into unknown cells.
+        unknown_speed_m_per_s: The car drives at this speed into unknown cells where it could not brake before them.
         deceleration_m_per_s2: The car can brake with this deceleration.
-        reaction_distance_m: The car drives this far before it begins to brake.
+        reaction_s: The car brakes this long after an obstacle came into view: two frames of ranges, a step, and the
+            reaction of the body.
         max_curvature_per_m: No commanded curvature exceeds this, which is above that of the planned arcs.
         lookahead_m: Pure pursuit aims this far ahead along the path.
         visited_radius_m: Exploring, everything within this distance of the car is visited.
@@ -60,7 +61,7 @@ class GoalParams:
     tight_speed_m_per_s: float = 0.35
     unknown_speed_m_per_s: float = 0.3
     deceleration_m_per_s2: float = 1.5
-    reaction_distance_m: float = 0.1
+    reaction_s: float = 0.2
     max_curvature_per_m: float = 2.15
     lookahead_m: float = 0.3
     visited_radius_m: float = 0.9

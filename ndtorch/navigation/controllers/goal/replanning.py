@@ -13,7 +13,7 @@ from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at
 from ndtorch.navigation.planning._kernels import Floats
 from ndtorch.navigation.planning.costmap import Bools, LocalMap, clearance
 from ndtorch.navigation.planning.frontiers import cheapest_goal, frontier_costs
-from ndtorch.navigation.planning.path_tracking import SpeedLimits, speed_profile
+from ndtorch.navigation.planning.path_tracking import SpeedLimits, seen_points, speed_profile
 from ndtorch.navigation.planning.planner import Plan, goal_costs, plan
 
 FREE_RATIO = 0.1
@@ -46,7 +46,6 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
     limits = SpeedLimits(
         p.speed_m_per_s,
         p.tight_speed_m_per_s,
-        p.unknown_speed_m_per_s,
         p.reactive.reverse_speed_m_per_s,
         p.deceleration_m_per_s2,
     )
@@ -54,7 +53,14 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
     path = np.zeros((MAX_POINTS, 6), np.float32)
     path[:points, :5] = made.path[:points]
     path[:points, 5] = speed_profile(made, around, limits, p.planner)[:points]
-    return state._replace(path=path, points=points if points > 1 else 0, at=0, due=every, cost=float(made.cost))
+    return state._replace(
+        path=path,
+        points=points if points > 1 else 0,
+        seen=min(seen_points(made, around), points),
+        at=0,
+        due=every,
+        cost=float(made.cost),
+    )
 
 
 def check_progress(

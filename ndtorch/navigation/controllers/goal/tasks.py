@@ -28,7 +28,7 @@ class GoalState(NamedTuple):
         localised: 1 once the pose was corrected, -1 during relocalisation, 0 with dead reckoning alone.
         task: `GOAL`, `EXPLORE`, `HOME` or `DONE`.
         path: `[MAX_POINTS, 6]`: x, y, heading, curvature, direction, and speed, m/s.
-        points, at: number of its points, and index of the one reached.
+        points, seen, at: number of its points, and of those before unknown cells; index of the one reached.
         due: time steps until the next plan.
         direction: +1 ahead, -1 backward.
         vetoed: consecutive time steps in which the reactive controller saw no room for the planned path.
@@ -38,6 +38,8 @@ class GoalState(NamedTuple):
         best_cost, visited_before, no_progress_s: exploring, the least cost since the last progress, the number of
             visited cells then, and the time since.
         mode: what the car is doing.
+        margin: free and seen distance ahead less the distance in which the commanded speed is braked, m; inf where the
+            path is not followed ahead.
     """
 
     reactive: RangingState
@@ -48,6 +50,7 @@ class GoalState(NamedTuple):
     task: int
     path: Array
     points: int
+    seen: int
     at: int
     due: int
     direction: float
@@ -59,6 +62,7 @@ class GoalState(NamedTuple):
     visited_before: float
     no_progress_s: float
     mode: int
+    margin: float
 
 
 def requested_tasks(params: GoalParams) -> list[int]:
