@@ -18,6 +18,7 @@ import numpy as np
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers import controller_class
 from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.barn.moving import Sightings, is_visible
 from ndtorch_robot.barn.worlds import World
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.camera_monitor.monitor import PATIENCE
@@ -28,7 +29,8 @@ from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
 from ndtorch_robot.robot_config import RobotTable
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
-from ndtorch_robot.sim.simulation import BODY, RIG, Simulation
+from ndtorch_robot.sim.plan import Point
+from ndtorch_robot.sim.simulation import BODY, RIG, Mover, Simulation
 
 LIMITS = SafetyLimits(speed=1.0, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car; the simulated one has limits of its own for how fast speed and steering may change."""
@@ -49,6 +51,8 @@ class Attempt(NamedTuple):
         path: true x and y ten times a second, m.
         wall_s: real time it took.
         step_ms: median of a navigation step.
+        touched: what it touched: `"standing"`, `"moving"`, or `"seen"` for a moving cylinder ahead of its bumper that
+            had been visible for a second; empty for nothing.
         margin_m: the least distance that was seen free beyond the braking distance; inf where the controller has none.
     """
 
@@ -60,6 +64,7 @@ class Attempt(NamedTuple):
     path: list[tuple[float, float]]
     wall_s: float
     step_ms: float
+    touched: str = ""
     margin_m: float = math.inf
 
 
@@ -71,6 +76,7 @@ class Entry:
     options: NavigatorOptions
     seed: int = 0
     robot: RobotTable | None = None
+    movers: tuple[Mover, ...] = ()
 
 
 class Referee:
@@ -80,7 +86,7 @@ class Referee:
         self.world, self.simulation, self.car = world, simulation, car
         self.path: list[tuple[float, float]] = []
         self.success = self.collided = False
-        self.margin = math.inf
+        self.margin, self.sightings = math.inf, Sightings(simulation.rate)
 
     def __call__(self, step: Step) -> None:
         if step.standing is not None:
@@ -90,10 +96,31 @@ class Referee:
             self.path.append((round(x, 3), round(y, 3)))
         if step.state is not None:
             self.margin = min(self.margin, getattr(step.state.control, "margin", math.inf))
+        now = self.simulation.now()
+        self.sightings.add(tuple(self.sees(mover.at(now)) for mover in self.simulation.movers))
         self.collided = bool(self.simulation.collisions)
         self.success = not self.collided and math.dist((x, y), self.world.goal) <= self.world.within
         if self.success or self.collided or self.simulation.now() >= self.world.limit:
             self.car.ended.set()
+
+    def sees(self, place: Point) -> bool:
+        """Whether a cylinder at a place is visible to the cameras."""
+        (x, y, heading), rig = self.simulation.pose, self.simulation.rig
+        camera = (x + rig.forward * math.cos(heading), y + rig.forward * math.sin(heading))
+        return is_visible(self.world, place, camera, heading, math.atan(rig.width / 2 / rig.focal))
+
+    def touched(self) -> str:
+        """What the car touched, as in `Attempt`."""
+        if not self.simulation.collisions:
+            return ""
+        hit = self.simulation.collisions[0]
+        if not hit.person:
+            return "standing"
+        away = [np.subtract(mover.at(hit.time), (hit.x, hit.y)) for mover in self.simulation.movers]
+        nearest = int(np.argmin([np.hypot(*to) for to in away]))
+        ahead = away[nearest] @ np.array((math.cos(hit.heading), math.sin(hit.heading)))
+        into = ahead > self.simulation.body.length_m / 2 and not hit.stationary
+        return "seen" if into and self.sightings.lasted(nearest) else "moving"
 
 
 def attempt(entry: Entry) -> Attempt:
@@ -109,7 +136,9 @@ def attempt(entry: Entry) -> Attempt:
     rig, body = (RIG, BODY) if robot is None else (robot.stereo_rig(), robot.body.body())
     rate, limits = (RATE, LIMITS) if robot is None else (robot.rate_hz, robot.simulated_limits(body.max_speed_m_per_s))
     runner = NavigatorRunner(options, rig, rate, body=body)
-    simulation = Simulation(world.plan(), entry.seed, rig=rig, fields=runner.fields, rate=rate, body=body)
+    simulation = Simulation(
+        world.plan(), entry.seed, rig=rig, fields=runner.fields, rate=rate, body=body, movers=entry.movers
+    )
     try:
         age, floor = limits.age, runner.fields
         frame_check = FrameCheck(rig, rate, age, PATIENCE, joint_freeze=False, floor=floor, unit=body.unit_m)
@@ -132,6 +161,7 @@ def attempt(entry: Entry) -> Attempt:
             referee.path,
             round(wall, 1),
             round(step, 2),
+            referee.touched(),
             round(referee.margin * body.unit_m, 3),
         )
     finally:
@@ -181,7 +211,9 @@ def table(made: Sequence[Attempt], note: str) -> str:
         "",
     ]
     for words, some in (
-        ("Collided", [a for a in made if a.collided]),
+        ("Hit what stands", [a for a in made if a.touched == "standing"]),
+        ("Hit a moving cylinder", [a for a in made if a.touched == "moving"]),
+        ("Drove into a moving cylinder that was visible for a second", [a for a in made if a.touched == "seen"]),
         ("Out of time", [a for a in made if not a.collided and not a.success]),
     ):
         if some:

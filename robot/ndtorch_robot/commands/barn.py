@@ -49,8 +49,10 @@ class Barn:
     """The robot of this file drives, or one of robot/configs by name (default: the car of [A])."""
     speed: float = 1.0
     """The car drives at this speed where nothing is in its path, m/s; no robot exceeds that of its table [body]."""
+    moving_cylinders: int = 0
+    """This number of cylinders moves to and fro at .2 to .8 m/s, and meets the car from ahead, beside and behind."""
     seed: int = 0
-    """The textures of cylinders and floor follow from this number."""
+    """The textures of cylinders and floor follow from this number, and what moves."""
     jobs: int = 0
     """This number of worlds is driven at a time (default: one a core)."""
     out: Path = Path("out/barn")
@@ -69,6 +71,8 @@ class Barn:
         entries = [self.entry(world) for world in worlds]
         if self.jobs < 0:
             raise InputError(f"--jobs must be 1 or more, got {self.jobs}")
+        if self.moving_cylinders < 0:
+            raise InputError(f"--moving-cylinders must be 0 or more, got {self.moving_cylinders}")
         names = sorted(AttemptCache(Path()).name(entry) for entry in entries)
         place = place_for(self.out, {"command": "barn", "attempts": names}, force=self.force)
         place.take_over("worlds")
@@ -106,6 +110,7 @@ class Barn:
         from ndtorch.utils.packages import toml_file
         from ndtorch.utils.toml import read_toml
         from ndtorch_robot.barn.attempts import Entry
+        from ndtorch_robot.barn.moving import moving_cylinders
         from ndtorch_robot.robot_config import RobotTable
         from ndtorch_robot.run_config import RunConfig
 
@@ -113,7 +118,8 @@ class Barn:
         file = None if self.robot is None else toml_file(self.robot, "ndtorch_robot", "configs")
         found = None if file is None else read_toml(file, RunConfig)
         robot = None if found is None else RobotTable(**found.model_dump(include=set(RobotTable.model_fields)))
-        return Entry(world, options_of(given), self.seed, robot)
+        movers = moving_cylinders(world, self.moving_cylinders, self.seed)
+        return Entry(world, options_of(given), self.seed, robot, movers)
 
     def write(self, worlds: Sequence[World], made: Sequence[Attempt], out: Path) -> str:
         from ndtorch.report.plots.layout import save
@@ -122,7 +128,8 @@ class Barn:
         from ndtorch_robot.evaluation.plots import barn_plot
 
         missing = f"; {len(worlds) - len(made)} of {len(worlds)} worlds are missing" * (len(made) < len(worlds))
-        note = f"Controller {self.controller}, {self.split} worlds, seed {self.seed}{missing}."
+        moving = f", {self.moving_cylinders} moving cylinders" * (self.moving_cylinders > 0)
+        note = f"Controller {self.controller}, {self.split} worlds{moving}, seed {self.seed}{missing}."
         text = table(made, note)
         write_text(out / "barn.csv", comma_separated(made))
         write_text(out / "barn.md", text)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ndtorch.navigation import Body, StereoRig
-from ndtorch_robot.sim.plan import Floats, Plan
+from ndtorch_robot.sim.plan import Floats, Plan, cylinder
 from ndtorch_robot.sim.procedural_textures import (
     AtlasRect,
     Image,
@@ -34,6 +34,9 @@ SKIRTING = (0.006, 0.08)
 PEDESTRIAN_SIZE = (0.18, 0.25, 0.9)
 """Half the sides of the pedestrian, m."""
 
+MOVING_RADIUS, MOVING_HEIGHT = 0.15, 1.0
+"""Of a moving cylinder, m."""
+
 GROUND_CLEARANCE = 0.05
 """Height of the underside of the car of [A] above the floor, m; its top is a centimetre below its cameras."""
 
@@ -44,7 +47,8 @@ class World(NamedTuple):
     """What `build` makes: the compiled model and, for the scorer, the profile of every wall.
 
     Attributes:
-        model: MuJoCo model; joints x, y, yaw of the car are `qpos[0:3]`, the pedestrian is mocap body 0.
+        model: MuJoCo model; joints x, y, yaw of the car are `qpos[0:3]`, mocap bodies are the pedestrian,
+            where there is one, and then the moving cylinders.
         profiles: for each edge of each ring, its brightness `[columns]` at the height of the cameras.
     """
 
@@ -113,12 +117,14 @@ def build(
     pedestrian: bool = False,
     rig: StereoRig | None = None,
     body: Body | None = None,
+    cylinders: int = 0,
 ) -> World:
     """Paint and build a plan. The seed decides what it looks like.
 
     Args:
         pedestrian: with a person-sized box that can be moved.
         rig, body: of the robot; of the car of [A] by default.
+        cylinders: number of those that can be moved.
     """
     import mujoco
 
@@ -153,7 +159,15 @@ def build(
     add_collisions(spec, plan)
     add_car(spec, body, rig.camera_height)
     if pedestrian:
-        add_pedestrian(spec, images, rng)
+        x, y, z = PEDESTRIAN_SIZE
+        corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
+        box = (mujoco.mjtGeom.mjGEOM_BOX, list(PEDESTRIAN_SIZE))
+        add_moving(spec, images, rng, "pedestrian", corners, 2 * z, box)
+    for k in range(cylinders):
+        solid = cylinder(0.0, 0.0, MOVING_RADIUS, MOVING_HEIGHT)
+        round_ = (mujoco.mjtGeom.mjGEOM_CYLINDER, [MOVING_RADIUS, MOVING_HEIGHT / 2, 0])
+        corners = [(float(a), float(b)) for a, b in solid.array[::-1]]
+        add_moving(spec, images, rng, f"moving-{k}", corners, MOVING_HEIGHT, round_)
     model = spec.compile()
     for name, image in images.items():
         fill_texture(model, name, image)
@@ -266,16 +280,26 @@ def add_car(spec: Any, body: Body, camera_height: float) -> None:
     car.add_geom(name="car", mass=8.0, contype=0, conaffinity=1, group=3, **look)
 
 
-def add_pedestrian(spec: Any, images: dict[str, Image], rng: np.random.Generator) -> None:
-    """A person-sized box in coarse checks that can be moved, seen and bumped into."""
-    import mujoco
+def add_moving(
+    spec: Any,
+    images: dict[str, Image],
+    rng: np.random.Generator,
+    name: str,
+    corners: list[Pair],
+    height: float,
+    collision: tuple[Any, list[float]],
+) -> None:
+    """A body in coarse checks that can be moved, seen and bumped into.
 
-    images["pedestrian"] = to_bytes(rng.uniform(0.1, 0.9, (6, 4, 3)).repeat(32, 0).repeat(32, 1))
-    add_textures(spec, {"pedestrian": images["pedestrian"]})
-    body = spec.worldbody.add_body(name="pedestrian", mocap=True)
-    x, y, z = PEDESTRIAN_SIZE
-    mesh, corners = Mesh(), [(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)]
-    for k in range(4):
-        mesh.upright(corners[k + 1], corners[k], (0.0, 2 * z), ((k + 1) / 4, k / 4), (1.0, 0.0))
-    mesh.add(spec, body, "pedestrian")
-    add_collision(body, mujoco.mjtGeom.mjGEOM_BOX, [0, 0, z], list(PEDESTRIAN_SIZE))
+    Args:
+        corners: of its outline, counter-clockwise, m.
+        collision: kind and size of its geom.
+    """
+    sides = len(corners)
+    images[name] = to_bytes(rng.uniform(0.1, 0.9, (6, sides, 3)).repeat(32, 0).repeat(32, 1))
+    add_textures(spec, {name: images[name]})
+    body, mesh = spec.worldbody.add_body(name=name, mocap=True), Mesh()
+    for k, corner in enumerate(corners):
+        mesh.upright(corners[(k + 1) % sides], corner, (0.0, height), ((k + 1) / sides, k / sides), (1.0, 0.0))
+    mesh.add(spec, body, name)
+    add_collision(body, collision[0], [0, 0, height / 2], collision[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -16,7 +17,7 @@ from ndtorch_robot.sim.car import Car, CarLimits
 from ndtorch_robot.sim.disturbances import Disturbances
 from ndtorch_robot.sim.disturbances.actuators import Delay
 from ndtorch_robot.sim.model import build
-from ndtorch_robot.sim.plan import Plan
+from ndtorch_robot.sim.plan import Plan, Point
 from ndtorch_robot.sim.procedural_textures import Walls
 from ndtorch_robot.sim.spawn_points import SpawnPoints
 
@@ -43,13 +44,36 @@ STATIONARY = 0.02
 """m/s: a car slower than this is stationary."""
 
 
+class Mover(NamedTuple):
+    """A cylinder that moves to and fro along a path.
+
+    Attributes:
+        points: of the path, m, at equal distances.
+        speed: m/s.
+        begins: distance along the path at time 0, m; it may lie beyond an end.
+    """
+
+    points: tuple[Point, ...]
+    speed: float
+    begins: float
+
+    def at(self, time: float) -> Point:
+        """Where it is at a time, s."""
+        points = np.array(self.points)
+        step = math.dist(*self.points[:2])
+        last = len(points) - 1
+        way = (self.begins + self.speed * time) / step % (2 * last)
+        x, y = (np.interp(min(way, 2 * last - way), np.arange(last + 1), axis) for axis in points.T)
+        return float(x), float(y)
+
+
 class Collision(NamedTuple):
     """When and where the car touched something.
 
     Attributes:
         time: s.
         x, y, heading: of the car, m and radians.
-        person: it was the pedestrian.
+        person: it was the pedestrian, or another body that moves.
         stationary: the car was stationary, so that the other one hit it.
     """
 
@@ -78,6 +102,7 @@ class Simulation(Drive):
         disturbances: of cameras and car.
         rate: frames a second of the cameras.
         body: of the robot.
+        movers: cylinders that move.
 
     Raises:
         InputError: a plan where the robot does not fit.
@@ -97,12 +122,14 @@ class Simulation(Drive):
         disturbances: Disturbances = UNDISTURBED,
         rate: float = 30.0,
         body: Body = BODY,
+        movers: Sequence[Mover] = (),
     ) -> None:
         import mujoco
 
         self.plan, self.rig, self.odometry, self.pedestrian = plan, rig, odometry, pedestrian
         self.disturbances, self.rate, self.body = disturbances, rate, body
-        self.world = build(plan, seed, walls, pedestrian, rig, body)
+        self.movers = tuple(movers)
+        self.world = build(plan, seed, walls, pedestrian, rig, body, len(self.movers))
         self.data = mujoco.MjData(self.world.model)
         self.begin(seed)
         self.cameras = Cameras(self.world.model, rig, fields, full_frames, disturbances.camera())
@@ -120,7 +147,7 @@ class Simulation(Drive):
         self.placed: Placed = None
         start = self.plan.start or self.spawn_points.random(rng)
         self.walk = self.spawn_points.walk(rng, (start[0], start[1])) if self.pedestrian else None
-        self.move_pedestrian()
+        self.move_bodies()
         self.place(*start)
 
     @cached_property
@@ -153,16 +180,17 @@ class Simulation(Drive):
             if arrived is not None:
                 self.car.send(arrived)
             self.car.advance(1 / SUBSTEPS)
-            self.move_pedestrian()
+            self.move_bodies()
             if self.touches():
                 stationary = abs(self.car.speed) < STATIONARY
-                self.collisions.append(Collision(self.now(), *self.pose, self.touches_pedestrian(), stationary))
+                self.collisions.append(Collision(self.now(), *self.pose, self.touches_moving(), stationary))
                 self.respawn()
 
-    def move_pedestrian(self) -> None:
-        place = self.pedestrian_at
-        if place is not None:
-            self.data.mocap_pos[0] = [*place, 0.0]
+    def move_bodies(self) -> None:
+        person, now = self.pedestrian_at, self.now()
+        places = [mover.at(now) for mover in self.movers]
+        for k, place in enumerate(places if person is None else [person, *places]):
+            self.data.mocap_pos[k] = [*place, 0.0]
 
     def touches(self, pose: tuple[float, float, float] | None = None) -> bool:
         """Whether the car would touch anything at a pose, by default its own."""
@@ -174,7 +202,7 @@ class Simulation(Drive):
         mujoco.mj_collision(self.world.model, self.data)
         return bool(self.data.ncon > 0)
 
-    def touches_pedestrian(self) -> bool:
+    def touches_moving(self) -> bool:
         bodies = self.world.model.geom_bodyid
         mocap = self.world.model.body_mocapid
         pairs = (self.data.contact.geom1[: self.data.ncon], self.data.contact.geom2[: self.data.ncon])
