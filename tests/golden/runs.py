@@ -171,10 +171,10 @@ def goal_drive(golden: Kept | None) -> Kept:
     return driven(golden, arena="office", controller="goal", goal="6.5,3", explore=True, seconds=40.0)
 
 
-def localised(golden: Kept | None) -> Kept:
+def localised(golden: Kept | None, seconds: float = 600.0) -> Kept:
     """Ten minutes through the office with a localiser that has to find out what is wrong with the odometer."""
     options: Kept = {"arena": "office", "controller": "ranging", "localise": True, "odometry": "noisy"}
-    return driven(golden, seconds=600.0, **options)
+    return driven(golden, seconds=seconds, **options)
 
 
 def known_map(golden: Kept | None) -> Kept:

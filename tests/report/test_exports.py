@@ -43,7 +43,10 @@ def overlap(first: np.ndarray, second: tuple[int, int, int, int]) -> float:
     return both / (first[2] * first[3] + second[2] * second[3] - both)
 
 
-@pytest.fixture(scope="module", params=["film", "quick film, from frame 5", "folder with gaps"])
+FILM = pytest.param("film", marks=pytest.mark.long)
+
+
+@pytest.fixture(scope="module", params=[FILM, "quick film, from frame 5", "folder with gaps"])
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str] | None]:
     """A run's folder, and the names of the source's files."""
     tmp, names, more = tmp_path_factory.mktemp("exports"), None, ["--mask"]

@@ -193,6 +193,7 @@ class Camera(http.server.BaseHTTPRequestHandler):
         """Nothing."""
 
 
+@pytest.mark.realtime
 def test_a_camera_that_falls_silent_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live, "SILENCE_S", 1.0)
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Camera)

@@ -81,6 +81,7 @@ def write_films(folder, pictures, rate):
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_live_command_from_a_moving_board(tmp_path, capsys):
     """Videos that run on in real time as cameras: views are taken as the board moves, and the pair is found."""
     pictures = [pair[:2] for seed in (0, 1) for pair in board_pictures(seed=seed)]

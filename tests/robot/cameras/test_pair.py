@@ -152,6 +152,7 @@ def test_an_unplugged_camera_comes_back(monkeypatch):
         assert cameras.readers[1].lost == 1
 
 
+@pytest.mark.realtime
 def test_times_that_do_not_fit():
     cameras = live(LiveCapture(rate=20), LiveCapture(rate=20, phase=0.025), max_age_ms=800)
     with pytest.raises(CamerasSilent, match=r"ms apart and 4\.5 ms are allowed"):

@@ -159,8 +159,8 @@ def test_a_stream_over_http():
         right=f"{address}/b.mjpg",
         width_px=64,
         height_px=48,
-        max_age_ms=2000,
-        tolerance_ms=500,
+        max_age_ms=10000,
+        tolerance_ms=1000,
     )
     with StereoCameras(settings) as cameras:
         frames = [cameras.read() for _ in range(3)]

@@ -49,11 +49,13 @@ def test_of_whole_frames_the_strips_are_kept_and_some_pictures(tmp_path):
 
 
 class Held(Recorder):
-    """A recorder whose thread is held at every step until it is let go."""
+    """A recorder whose thread is held at every step until it is let go, or nobody did so."""
+
+    gave_up = False
 
     def write(self, waiting):
         self.entered.set()
-        self.free.wait(120)
+        self.gave_up |= not self.free.wait(120)
         super().write(waiting)
 
 
@@ -66,14 +68,12 @@ def held(monkeypatch):
 
 def test_the_loop_never_waits(tmp_path, held):
     """The writer is stuck until the loop is over: the loop notices nothing, and all that is missing is counted."""
-    recorder, taken, worst = held(tmp_path / "r.mcap", queue=3), step(0), 0.0
+    recorder, taken = held(tmp_path / "r.mcap", queue=3), step(0)
     for _ in range(200):
-        began = time.thread_time()
         recorder(taken)
-        worst = max(worst, time.thread_time() - began)
     held.free.set()
     recorder.close()
-    assert worst < 0.02
+    assert not recorder.gave_up
     assert recorder.steps + recorder.dropped == 200
     assert 1 <= recorder.steps - recorder.without_frames <= 4
     assert recorder.dropped >= 120

@@ -1,6 +1,5 @@
 """Plans: arenas by name and seed, rooms to walls, ray casting, free places, files."""
 
-import itertools
 import math
 from pathlib import Path
 
@@ -20,7 +19,7 @@ SQUARE = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)]
 
 
 @pytest.mark.parametrize(
-    ("name", "seed"), [*itertools.product(arenas(test=False), (0, 7)), *((n, 5) for n in arenas(test=True))]
+    ("name", "seed"), [*((n, 7) for n in arenas(test=False)), *((n, 5) for n in arenas(test=True))]
 )
 def test_arenas(name, seed):
     plan = load_arena(name, seed)

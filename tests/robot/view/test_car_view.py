@@ -2,7 +2,6 @@
 
 import json
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -113,26 +112,16 @@ def test_more_floor_is_shown_as_the_car_goes_on(monkeypatch):
 
 
 def test_a_loop_never_waits_for_a_view_that_hangs():
-    """The viewer takes nothing at all: the loop spends no time on it, drops are counted, and the end does come."""
-    free, said = threading.Event(), []
-    view = Background(lambda item: free.wait(120), lambda: None, size=5, report=said.append)
+    """The viewer takes nothing at all until the loop and the view have ended: drops are counted."""
+    free, said, taken = threading.Event(), [], []
+    view = Background(lambda item: taken.append(free.wait(120)), lambda: None, size=5, report=said.append)
     loop = bare_loop(FilmCar(moving_world(120, RIG)), RIG, controller="published")
-    observer, spent = ViewSteps(view), []
-
-    def timed(step):
-        began = time.thread_time()
-        observer(step)
-        spent.append(time.thread_time() - began)
-
-    loop.observers.append(timed)
+    loop.observers.append(ViewSteps(view))
     assert loop.run(118.5 / 30) == 120
     assert view.dropped >= 120 - 6
-    assert sorted(spent)[100] < 0.001
-    assert max(spent) < 0.02
-    began = time.monotonic()
     view.close(patience=0.2)
-    assert time.monotonic() - began < 15
     assert said == [view.failed] == ["the viewer takes nothing: left behind"]
+    assert taken == []
     free.set()
 
 

@@ -54,7 +54,7 @@ def test_bars_alike_are_alike() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.long), 1])
 def test_superposed_sums_are_those_of_frames(seed: int) -> None:
     """The first two scenes of the tune split, as they are: one bar and two."""
     scene, seconds = draw_scene(seed), 5.0
@@ -68,7 +68,7 @@ def test_superposed_sums_are_those_of_frames(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("direction", "orientation"), [(0, 0), (3, 6)])
+@pytest.mark.parametrize(("direction", "orientation"), [pytest.param(0, 0, marks=pytest.mark.long), (3, 6)])
 def test_the_table_of_single_bars_is_measured(direction: int, orientation: int) -> None:
     assert_allclose(single_bars()[direction, orientation], measure_bar(direction, orientation), rtol=2e-3, atol=0.5)
 
