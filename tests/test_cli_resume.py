@@ -7,12 +7,10 @@ from pathlib import Path
 
 import pytest
 import torch
-from safetensors import safe_open
 
 from ndtorch.binding.saving import save_tensors
 from ndtorch.cli.commands import main
-from ndtorch.utils.files import CHECKSUM
-from tests.command_line import kept, refused, same_state
+from tests.command_line import refused, same_state
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -60,23 +58,6 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
     refused([*resumed, "--model", other], capsys, model, other)
     if model != "published":
         refused([*resumed, "--rule", "hebbian"], capsys, "--rule is an option of published", model)
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_a_state_with_a_number_that_is_none_is_refused(
-    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    quick = ["--seconds", "0.2", "--pictures", "0"]
-    assert main(["bind", str(clip), "--model", "published", *quick, "--out", str(tmp_path)]) == 0
-    capsys.readouterr()
-    path = tmp_path / "bars" / "state.safetensors"
-    with safe_open(path, "pt") as file:
-        about = file.metadata()
-    state = kept(tmp_path / "bars")
-    state["second.weights"][0, 1] = torch.nan
-    save_tensors(state, path, {key: text for key, text in about.items() if key != CHECKSUM})
-    resumed = ["bind", "--resume", str(path.parent), str(clip), "--out", str(tmp_path)]
-    refused(resumed, capsys, str(path), "second.weights", "NaN")
 
 
 @pytest.mark.parametrize(

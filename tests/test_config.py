@@ -98,11 +98,3 @@ def test_errors_name_the_file_the_key_and_the_value(tmp_path: Path, text: str, m
     with pytest.raises(InputError, match=message) as caught:
         validated(PublishedConfig, toml_values(path), "x")
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("content", [b"gamma = ", b"gamma 4", b"\xff\xfe\x00", b"gamma = 1\ngamma = 2"])
-def test_what_is_not_toml_is_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "config.toml"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"config\.toml: not a TOML file: "):
-        toml_values(path)

@@ -121,14 +121,9 @@ def test_missing_and_misshapen_weights_are_refused_by_name(folder: Path, name: s
     [
         ({"gama": 1.0}, r"options: unknown key 'gama'; did you mean gamma\?"),
         ({"fused": True}, "options: fused is gone: the sums are always compiled"),
-        ({"gamma": -1.0}, r"options: network: gamma = -1\.0"),
         ({"radius_limit": 2.0}, r"options: network: radius_limit = 2\.0"),
         ({"rule": "oja"}, "rule must be one of competitive"),
-        ({"border": "black"}, "options: border = 'black'"),
-        ({"size": (0, 10)}, "size = "),
-        ({"fps": -1}, "options: fps = -1"),
         ({"tau_background": 3.0}, "published has no option tau_background; foreground has it"),
-        ({"readout": "owners"}, "published has no option readout; scale-free has it"),
     ],
 )
 def test_options_that_do_not_fit_are_refused_by_name(folder: Path, options: dict, message: str) -> None:

@@ -118,7 +118,6 @@ def test_equal_bars_are_one_object_to_whole_field_sums(films: Films) -> None:
     assert [thing.neuron for thing in model.objects(state)] == ["green"]
 
 
-@pytest.mark.long
 def test_distance_fluctuation_works_as_well_as_shadow(films: Films) -> None:
     """[B fig. 11c-d]"""
     model, state = learn(films(two_bars, fluctuation="distance"))

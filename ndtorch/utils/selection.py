@@ -12,14 +12,6 @@ FEW = 12
 
 
 @jit
-def quickselect(values: Array, count: int, n: int) -> float:
-    """The value at place n in the order of the first `count` values, which stay as they are; NaN is not allowed."""
-    some = values[:count].copy()
-    partial_sort(some, count, n)
-    return float(some[n])
-
-
-@jit
 def median(values: Array, count: int) -> float:
     """The median of the first `count` values, which stay as they are; NaN is not allowed."""
     half = count // 2

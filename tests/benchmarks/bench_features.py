@@ -70,12 +70,7 @@ def rows(device: str | None = None) -> list[Row]:
             f"fast {ms['fast']}",
             f"{per_frame['local'] / per_frame['fast']:.1f}x",
         ),
-        Row(
-            "retinotopic binding of those",
-            ms["files"],
-            "10 ms of signal",
-            f"{0.01 / per_frame['files']:.0f}x",
-        ),
+        Row("retinotopic binding of those", ms["files"], "10 ms of signal", f"{0.01 / per_frame['files']:.0f}x"),
         Row("largest error of a fast sum", f"{100 * float(error):.2f} %", "exact", ""),
         Row("largest difference of an exact sum", f"{100 * float(agree):.3f} %", "NumPy + scipy.fft", ""),
     ]

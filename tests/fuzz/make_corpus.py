@@ -68,14 +68,7 @@ def run(folder: Path) -> None:
     from ndtorch.binding.saving import save_state
     from ndtorch.run.opening import STATE
 
-    about = {
-        "model": "published",
-        "source": "two-bars",
-        "frames": 5,
-        "fps": 100.0,
-        "options": {},
-        "scene": {},
-    }
+    about = {"model": "published", "source": "two-bars", "frames": 5, "fps": 100.0, "options": {}, "scene": {}}
     (folder / "bars").mkdir()
     state = small_model()(torch.zeros(4, 3, 16, 20))[1]
     save_state(state, folder / "bars" / STATE, {"run": json.dumps(about)})

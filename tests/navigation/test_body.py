@@ -100,10 +100,7 @@ def test_a_small_robot_and_one_whose_cameras_see_too_little_floor() -> None:
     rig = StereoRig(0.06, 215.0, 320, 240, camera_height=0.06)
     navigator = Navigator(rig, 1 / 30, body=robot)
     assert navigator.ranging.matching.max_disparity_px == pytest.approx(200 * 0.06 * 215 / 129 / robot.unit_m)
-    with pytest.raises(
-        InputError,
-        match=r"floor from 0.18 m ahead .* mount the cameras at most 0.10 m high",
-    ):
+    with pytest.raises(InputError, match=r"floor from 0.18 m ahead .* mount the cameras at most 0.10 m high"):
         Navigator(replace(rig, camera_height=0.5), 1 / 30, body=robot)
     with pytest.raises(InputError, match="body belongs to a controller that is named"):
         Navigator(rig, 1 / 30, controller=navigator.controller, body=robot)

@@ -9,9 +9,8 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_typestore
 
-from ndtorch.navigation import Grid, Pose, Ranges, StereoRig
+from ndtorch.navigation import Grid, Pose, StereoRig
 from ndtorch_robot import ros_messages as ros
-from ndtorch_robot.ports import DriveCommand
 
 
 def read_again(message):
@@ -21,31 +20,6 @@ def read_again(message):
     decode = DecoderFactory().decoder_for("cdr", Schema(1, text.encode(), "ros2msg", name))
     assert decode is not None
     return decode(ros.to_cdr(message))
-
-
-def ranges_of(*places):
-    x, y = np.array(places, np.float64).T
-    return Ranges(np.hypot(x, y), x * 0, x * 0, x, y, np.isfinite(x))
-
-
-def test_a_scan_holds_the_nearest_feature_of_each_degree():
-    """Two features ahead, one on the left, an empty slot, one behind the car."""
-    found = read_again(ros.laser_scan(ranges_of((2.0, 0.0), (1.5, 0.001), (1.0, 1.0), (math.nan, 0), (-1, 0)), 12.25))
-    assert (found.header.stamp.sec, found.header.stamp.nanosec, found.header.frame_id) == (12, 250_000_000, "base_link")
-    angles = found.angle_min + found.angle_increment * np.arange(len(found.ranges))
-    assert angles[-1] == pytest.approx(found.angle_max, abs=1e-5)
-    seen = {round(math.degrees(a)): r for a, r in zip(angles, found.ranges, strict=True) if math.isfinite(r)}
-    assert seen == {0: pytest.approx(1.5, abs=1e-5), 45: pytest.approx(math.sqrt(2))}
-
-
-def test_motion_and_place():
-    found = read_again(ros.odometry(Pose(1.0, -2.0, math.pi / 2), DriveCommand(0.5, -2.0), 1e9 + 0.5))
-    assert (found.header.frame_id, found.child_frame_id) == ("odom", "base_link")
-    assert (found.pose.pose.position.x, found.pose.pose.position.y) == (1.0, -2.0)
-    assert ros.yaw(found.pose.pose.orientation) == pytest.approx(math.pi / 2)
-    assert (found.twist.twist.linear.x, found.twist.twist.angular.z) == (0.5, -1.0)
-    assert read_again(ros.twist_stamped(DriveCommand(0.5, -2.0), 0.0)).twist.angular.z == -1.0
-    assert read_again(ros.twist(DriveCommand(0.5, -2.0))).linear.x == 0.5
 
 
 def test_transforms_lead_to_the_place_in_the_map():
@@ -72,17 +46,6 @@ def test_a_map_of_what_is_occupied_and_free():
     assert len(free) > 10
     assert np.hypot(*(free - (0.02, -0.9)).T).max() < 0.25
     assert set(data.ravel()) == {-1, 0, 100}
-
-
-def test_diagnostics_say_why_the_car_stands():
-    stands, drives = (
-        read_again(ros.diagnostics(why, {"battery_v": 7.4, "faults": ["low"], "link": None}, 0.0)).status[0]
-        for why in ("no frames", None)
-    )
-    assert (stands.level, stands.message) == (2, "no frames")
-    assert (drives.level, drives.message) == (0, "drives")
-    values = {item.key: item.value for item in stands.values}
-    assert values == {"battery_v": "7.4", "faults": '["low"]', "link": "null"}
 
 
 def test_calibration_makes_the_rig_again():

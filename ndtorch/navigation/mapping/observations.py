@@ -1,17 +1,15 @@
-"""The map as a list: what was seen lately and from where, asked whether the path is free."""
+"""The map as a list: what was seen lately and from where."""
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_batch, check_number, check_state
-from ndtorch.errors import InputError
 from ndtorch.navigation.mapping.grid_map import check_observations
-from ndtorch.navigation.odometry import Pose, to_body, to_world
+from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.stereo.ranging import Ranges
 
 
@@ -110,66 +108,3 @@ class ObservationList(nn.Module):
             newest(seconds, state.lifetime, -1),
             newest(here, state.seen_from, -2),
         )
-
-
-def arc_coordinates(x: Tensor, y: Tensor, curvature: Tensor) -> tuple[Tensor, Tensor]:
-    """Distance along an arc that starts at the origin in direction x, and distance from it, of points.
-
-    `along` is the arc length to the nearest point of the arc, negative behind; `aside` is not signed.
-    Straight lines are the limit of small curvatures, without a division by zero.
-    """
-    square = x.square() + y.square()
-    # 1 - k y and k x are the legs from the arc's center to the point, in radii.
-    legs = 1 - curvature * y, curvature * x
-    radii = torch.hypot(*legs)
-    aside = ((curvature * square - 2 * y) / (1 + radii)).abs()
-    turned = torch.atan2(legs[1], legs[0])
-    bent = curvature.abs() > 1e-6
-    along = torch.where(bent, turned / torch.where(bent, curvature, 1.0), x)
-    return along, aside
-
-
-def free_length(
-    observations: Observations,
-    pose: Pose,
-    curvature: Tensor,
-    half_width: float = 0.25,
-    farthest: float = 2.0,
-    enough: float = 4.0,
-    gather: float = 0.3,
-) -> Tensor:
-    """How far the car can drive along each arc before it meets what was seen. [A §3]
-
-    An arc ends where observations inside the path (`half_width` to either side) of weight `enough` gather
-    within `gather` metres along it: single wrong ranges do not block it.
-
-    Args:
-        observations: `[..., K]`, world.
-        pose: the car, `[...]`.
-        curvature: of the arcs, 1/m, `[A]`, to the left positive, 0 is straight.
-        half_width: half the car's width and some room, m.
-        farthest: the answer where nothing is in the way, m.
-        enough, gather: as above.
-
-    Returns:
-        `[..., A]` in m, from the pose forward, 0..farthest.
-
-    Raises:
-        InputError: curvature of another shape, or numbers that are not positive.
-    """
-    if curvature.ndim != 1 or not (half_width > 0 and farthest > 0 and enough > 0 and gather > 0):
-        raise InputError(
-            f"expected curvatures [A] and positive numbers, got {tuple(curvature.shape)}, "
-            f"half_width={half_width}, farthest={farthest}, enough={enough}, gather={gather}"
-        )
-    x, y = to_body(Pose(*(part.unsqueeze(-1) for part in pose)), observations.x, observations.y)
-    along, aside = arc_coordinates(x.unsqueeze(-2), y.unsqueeze(-2), curvature.unsqueeze(-1))
-    inside = (aside <= half_width) & (along > 0)
-    weight = observations.weight.unsqueeze(-2) * inside
-    along, order = torch.where(inside, along, math.inf).sort(-1)
-    total = weight.gather(-1, order).cumsum(-1)
-    # What lies between each observation and `gather` beyond it: everything up to there less what came before.
-    last = torch.searchsorted(along, along + gather, right=True) - 1
-    before = total - weight.gather(-1, order)
-    blocked = total.gather(-1, last) - before >= enough
-    return torch.where(blocked, along, farthest).amin(-1).clamp(max=farthest)

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from ndtorch.cli.commands import main
-from ndtorch_robot.calibration import (
-    read_calibration,
-)
+from ndtorch_robot.calibration import read_calibration
 from tests.robot.support.fake_captures import folder_of
 from tests.robot.support.misaligned import board_pictures, measured
 

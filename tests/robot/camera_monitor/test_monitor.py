@@ -107,10 +107,7 @@ def test_a_blank_building_is_no_fault():
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [
-        (lambda f: f._replace(left=None), "left camera gave no frame"),
-        (lambda f: f._replace(time=0.1), "s old"),
-    ],
+    [(lambda f: f._replace(left=None), "left camera gave no frame"), (lambda f: f._replace(time=0.1), "s old")],
 )
 def test_the_command_ends_with_one_line(monkeypatch, capsys, tmp_path, change, message):
     """Whatever the cameras do, the car stands still before the program ends."""

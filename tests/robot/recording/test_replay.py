@@ -13,12 +13,7 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand, Step
-from ndtorch_robot.recording import (
-    Recorder,
-    make_runner,
-    open_recording,
-    replay,
-)
+from ndtorch_robot.recording import Recorder, make_runner, open_recording, replay
 from ndtorch_robot.recording.streams import STEP
 from tests.robot.support.bare_car import FilmCar, bare_loop
 from tests.robot.support.moving_world import RIG, moving_world

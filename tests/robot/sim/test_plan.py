@@ -90,11 +90,6 @@ def test_bad_plans(change, message):
         Plan(**({"name": "test", "outline": ring(SQUARE)} | change))
 
 
-def test_unknown_arena():
-    with pytest.raises(InputError, match="choose one of hallway, curve"):
-        load_arena("halway")
-
-
 GOOD = """
 name = "lab"
 rooms = [[0, 0, 8, 6], [8, 2, 14, 4]]
