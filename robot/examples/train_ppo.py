@@ -1,15 +1,18 @@
 """PPO of Stable-Baselines3 learns to drive, and is compared with `ranging` and with straight on in unseen buildings.
 
-It sees means of what the cameras see. This needs `ndtorch-robot[sim]` and `stable-baselines3`. The defaults of
-Stable-Baselines3 work, too, with what `gymnasium.make` gives, `PPO("MultiInputPolicy", env)`; they take hours.
+It sees means of what the cameras see, and commands for four frames at a time. This needs `ndtorch-robot[sim]` and
+`stable-baselines3`. The defaults of Stable-Baselines3 work, too, with what `gymnasium.make` gives,
+`PPO("MultiInputPolicy", env)`; they take hours.
 
-    python robot/examples/train_ppo.py 30000    # trains for so many steps
+    python robot/examples/train_ppo.py 40000 ppo.png    # trains for so many commands, and draws the rewards
 """
 
 import sys
 from functools import partial
+from pathlib import Path
 
 import gymnasium
+import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from stable_baselines3 import PPO
@@ -20,7 +23,10 @@ from ndtorch_robot.gym import register
 from ndtorch_robot.gym.environment import strips_of
 from ndtorch_robot.sim.simulation import RIG
 
-ARENA, TRAINING, UNSEEN = "Loop", (0, 1, 2, 3), (1000, 1001, 1002)
+ARENA, TRAINING, UNSEEN = "Loop", range(8), range(1000, 1006)
+FRAMES = 4
+"""Frames that a command of the policy lasts."""
+
 SMALL = np.array([0.5, 0.0], np.float32), np.array([0.5, 2.0], np.float32)
 """Middle and half range of the actions: speeds from 0 to 1 m/s, and curvatures of the car."""
 
@@ -44,8 +50,13 @@ class Small(gymnasium.ObservationWrapper, gymnasium.ActionWrapper):
         return SMALL[0] + SMALL[1] * np.clip(action, -1, 1)
 
     def step(self, action: np.ndarray) -> tuple:
-        seen, *rest = self.env.step(self.action(action))
-        return self.observation(seen), *rest
+        total = 0.0
+        for _ in range(FRAMES):
+            seen, reward, hit, over, info = self.env.step(self.action(action))
+            total += float(reward)
+            if hit or over:
+                break
+        return self.observation(seen), total, hit, over, info
 
 
 def make(building: int) -> gymnasium.Env:
@@ -77,23 +88,46 @@ def ranging():
     return act
 
 
+def learn(commands: int) -> tuple[PPO, list[tuple[int, float]]]:
+    """The policy, and frames driven with the mean reward of the last hundred episodes."""
+    envs = VecMonitor(DummyVecEnv([partial(lambda building: Small(make(building)), building) for building in TRAINING]))
+    given = {"n_steps": 128, "batch_size": 128, "gamma": 0.97, "ent_coef": 0.0}
+    model = PPO("MlpPolicy", envs, **given, policy_kwargs={"log_std_init": -0.7}, seed=0)
+    curve = []
+    while model.num_timesteps < commands:
+        model.learn(2048, reset_num_timesteps=False)
+        mean = float(np.mean([episode["r"] for episode in model.ep_info_buffer] or [np.nan]))
+        curve.append((FRAMES * model.num_timesteps, mean))
+        print(f"{curve[-1][0]} frames: mean reward {mean:.2f}", flush=True)
+    envs.close()
+    return model, curve
+
+
+def draw(curve: list[tuple[int, float]], rewards: dict[str, list[float]], file: Path) -> None:
+    """Rewards while it learned, and those of all in unseen buildings as lines."""
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    axes.plot(*np.array(curve).T / [[1000], [1]], color="tab:blue", label="PPO, training buildings")
+    for (name, values), color in zip(rewards.items(), ("tab:blue", "tab:gray", "tab:orange"), strict=True):
+        axes.axhline(np.mean(values), color=color, linestyle="--", label=f"{name}, unseen buildings")
+    axes.set(xlabel="thousand frames", ylabel="mean reward of an episode", title=f"ndtorch/{ARENA}-v0")
+    axes.legend()
+    figure.savefig(file, dpi=110)
+
+
 if __name__ == "__main__":
     torch.set_num_threads(1)
     register()
-    envs = VecMonitor(DummyVecEnv([partial(lambda building: Small(make(building)), building) for building in TRAINING]))
-    model = PPO("MlpPolicy", envs, n_steps=256, batch_size=128, gamma=0.98, ent_coef=0.002, seed=0)
-    steps, done = int(sys.argv[1]) if len(sys.argv) > 1 else 30_000, 0
-    while done < steps:
-        model.learn(4096, reset_num_timesteps=False)
-        done = model.num_timesteps
-        ended = [episode["r"] for episode in model.ep_info_buffer]
-        print(
-            f"{done} steps, mean reward of the last {len(ended)} episodes {np.mean(ended or [np.nan]):.2f}", flush=True
-        )
-    for building in UNSEEN:
-        learned = score(lambda seen: model.predict(seen, deterministic=True)[0], building, small=True)
-        straight = score(lambda seen: np.array([0.5, 0.0], np.float32), building, small=False)
+    model, curve = learn(int(sys.argv[1]) if len(sys.argv) > 1 else 40_000)
+    policies = {
+        "PPO": (lambda: lambda seen: model.predict(seen, deterministic=True)[0], True),
+        "straight on": (lambda: lambda seen: np.array([0.5, 0.0], np.float32), False),
+        "ranging": (ranging, False),
+    }
+    rewards = {}
+    for name, (policy, small) in policies.items():
         with torch.inference_mode():
-            navigated = score(ranging(), building, small=False)
-        for name, (reward, hit) in {"PPO": learned, "straight on": straight, "ranging": navigated}.items():
-            print(f"{ARENA} {building}, {name}: reward {reward:.1f}{', hit a wall' * hit}", flush=True)
+            found = [score(policy(), building, small) for building in UNSEEN]
+        rewards[name] = [reward for reward, _ in found]
+        hits = sum(hit for _, hit in found)
+        print(f"{name}: {', '.join(f'{r:.1f}' for r in rewards[name])}; mean {np.mean(rewards[name]):.1f}, {hits} hits")
+    draw(curve, rewards, Path(sys.argv[2] if len(sys.argv) > 2 else "ppo.png"))

@@ -88,7 +88,12 @@ def robot_of(values: dict[str, object]) -> dict[str, object]:
     file = values.get("robot")
     if not isinstance(file, str | Path):
         return values
-    found = read_toml(toml_file(Path(file), "ndtorch_robot", "configs"), RunConfig)
+    robot, options = read_robot(Path(file))
+    return {**options, **values, "robot": robot.model_dump()}
+
+
+def read_robot(file: Path) -> tuple[RobotTable, dict[str, object]]:
+    """The robot of a file, or of one in `robot/configs`, and the options of the navigator that the file sets."""
+    found = read_toml(toml_file(file, "ndtorch_robot", "configs"), RunConfig)
     options = found.navigation.model_dump(include=set(OPTION_NAMES), exclude_unset=True)
-    robot = found.model_dump(include=set(RobotTable.model_fields))
-    return {**options, **values, "robot": robot}
+    return RobotTable(**found.model_dump(include=set(RobotTable.model_fields))), options

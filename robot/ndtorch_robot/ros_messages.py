@@ -112,13 +112,10 @@ def twist_stamped(command: DriveCommand, time: float) -> Any:
     return new("geometry_msgs/msg/TwistStamped", header(time, BASE), twist(command))
 
 
-def laser_scan(ranges: Ranges, time: float, period: float = 0.0) -> Any:
-    """`sensor_msgs/LaserScan` of features `[n]` about the middle of the body: the nearest one in each degree.
+def laser_scan(ranges: Ranges, time: float) -> Any:
+    """`sensor_msgs/LaserScan` of places `[n]` about the middle of the body: the nearest one in each degree.
 
-    Beams without a feature are NaN, "no measurement" of REP 117: nothing says that the way is free there.
-
-    Args:
-        period: seconds between two scans.
+    Beams without a place are NaN, "no measurement" of REP 117: nothing says that the path is free there.
     """
     valid = np.asarray(ranges.valid).reshape(-1)
     x, y = (np.asarray(part, np.float64).reshape(-1)[valid] for part in (ranges.x, ranges.y))
@@ -129,7 +126,7 @@ def laser_scan(ranges: Ranges, time: float, period: float = 0.0) -> Any:
     np.fmin.at(found, beam[seen], np.hypot(x, y)[seen].astype(np.float32))
     angles, limits = (-HALF_ANGLE, HALF_ANGLE, step), (RANGE_MIN, RANGE_MAX)
     empty = np.zeros(0, np.float32)
-    return new("sensor_msgs/msg/LaserScan", header(time, BASE), *angles, 0.0, period, *limits, found, empty)
+    return new("sensor_msgs/msg/LaserScan", header(time, BASE), *angles, 0.0, 0.0, *limits, found, empty)
 
 
 def odometry(pose: Pose, driven: DriveCommand, time: float) -> Any:

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import numpy.typing as npt
 from pydantic import Field
 
-from ndtorch_robot.bridges.obstacles import nearest_by_sector, seen_obstacles
 from ndtorch_robot.bridges.registry import Bridge, Opening, bridge, command_of
 from ndtorch_robot.link.mavlink_connection import COMPONENT, MavlinkConnection, MavlinkSettings, shared_settings
+from ndtorch_robot.obstacles import nearest_by_sector, seen_obstacles
 from ndtorch_robot.ports import DriveCommand, Step
 
 SECTORS = 72

@@ -16,8 +16,8 @@ from ndtorch.navigation.mapping.map_rendering import map_cells
 from ndtorch.utils.packages import need
 from ndtorch.utils.toml import Strict
 from ndtorch_robot import ros_messages as ros
-from ndtorch_robot.bridges.obstacles import seen_obstacles
 from ndtorch_robot.bridges.registry import Bridge, Opening, bridge, command_of
+from ndtorch_robot.obstacles import seen_obstacles
 from ndtorch_robot.ports import Step
 
 QUEUE = 10
@@ -72,7 +72,7 @@ class Ros2Bridge(Bridge):
         if opening.runner.navigator.controller.has_goals:
             self.readers.append((self.node.subscriber("goal_pose", "geometry_msgs/msg/PoseStamped"), self.on_goal))
         self.wall_clock = math.inf
-        self.mapped = self.before = -math.inf
+        self.mapped = -math.inf
 
     def publish(self, step: Step) -> None:
         # The least delay so far is taken for none: steps have the times of the loop's clock, stamps those of the wall.
@@ -82,11 +82,10 @@ class Ros2Bridge(Bridge):
         self.diagnostics(ros.diagnostics(step.standing, step.telemetry, now))
         if state is None:
             return
-        navigator, period = self.opening.runner.navigator, step.time - self.before
-        self.scan(ros.laser_scan(seen_obstacles(state, navigator), now, period if math.isfinite(period) else 0.0))
+        navigator = self.opening.runner.navigator
+        self.scan(ros.laser_scan(seen_obstacles(state, navigator), now))
         self.odom(ros.odometry(state.pose, step.driven, now))
         self.tf(ros.transforms(state.pose, state.place, now))
-        self.before = step.time
         if self.map is not None and self.grid is not None and step.time - self.mapped >= self.settings.map_period_s:
             self.mapped = step.time
             assert navigator.grid_map is not None

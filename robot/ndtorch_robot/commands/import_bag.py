@@ -40,16 +40,21 @@ class Import:
     """The right images have this topic."""
     odometry: str | None = None
     """The motion is read from this topic (default: the first one of nav_msgs/Odometry)."""
-    camera_height: float = 0.2
-    """The cameras are this high above the floor, m."""
-    pitch: float = 0.0
-    """The cameras look down by this angle, degrees."""
-    forward: float = 0.0
-    """The cameras are this far ahead of the point about which the robot turns, m."""
-    controller: str = "published"
-    """The controller of this name is asked; `ranging` and `goal` need a view of the floor."""
-    stereo: str = "search"
-    """Ranges are found by a search of the right row (search), or by matching features (features)."""
+    robot: Path | None = None
+    """The bag is of this robot, a file or one of robot/configs: its body and where its cameras are; calibration and
+    rate are the bag's."""
+    camera_height: float | None = None
+    """The cameras are this high above the floor, m (default: the robot's, or 0.2)."""
+    pitch: float | None = None
+    """The cameras look down by this angle, degrees (default: the robot's, or 0)."""
+    forward: float | None = None
+    """The cameras are this far ahead of the point about which the robot turns, m (default: the robot's, or 0)."""
+    controller: str | None = None
+    """The controller of this name is asked; `ranging` and `goal` need a view of the floor (default: the robot's, or
+    published)."""
+    stereo: str | None = None
+    """Ranges are found by a search of the right row (search), or by matching features (features) (default: the
+    robot's, or search)."""
     map_half_size: float = 10.0
     """The map reaches so far from the start, m."""
     seconds: float | None = None
@@ -64,19 +69,28 @@ class Import:
 
         from ndtorch.navigation import Grid
         from ndtorch.navigation.options import options_of
+        from ndtorch_robot.config import read_robot
         from ndtorch_robot.navigator_runner import NavigatorRunner
         from ndtorch_robot.navigator_table import print_note
         from ndtorch_robot.recording import Recorder
         from ndtorch_robot.recording.bags import StereoBag
+        from ndtorch_robot.robot_config import BodyTable
 
         torch.set_num_threads(1)
         if not 0 < self.map_half_size < 1e4:
             raise InputError(f"--map-half-size must be from 0 to 10000 m, got {self.map_half_size}")
-        where = {"camera_height": self.camera_height, "pitch": math.radians(self.pitch), "forward": self.forward}
+        given = {k: v for k, v in asdict(self).items() if v is not None and v is not False}
+        body, options = BodyTable(camera_forward_m=0.0), {"controller": "published", "stereo": "search"}
+        if self.robot is not None:
+            robot, own = read_robot(self.robot)
+            body, options = robot.body, options | own
+        pitch = math.radians(given.get("pitch", body.camera_pitch_deg))
+        where = {"camera_height": body.camera_height_m, "forward": body.camera_forward_m}
+        where = {name: given.get(name, length) for name, length in where.items()} | {"pitch": pitch}
         bag, half = StereoBag(self.bag, self.left, self.right, self.odometry, **where), self.map_half_size
-        options = options_of({k: v for k, v in asdict(self).items() if v is not None and v is not False})
         grid = Grid(-half, half, -half, half, 0.05)
-        runner = NavigatorRunner(options, bag.rig, bag.rate, grid, near_check=False)
+        options = options_of(options | given)
+        runner = NavigatorRunner(options, bag.rig, bag.rate, grid, near_check=False, body=body.body())
         if bag.topics.odometry is None:
             print_note("the bag has no odometry: the robot is taken to stand")
         with Recorder(self.out, runner, when_full="wait", report=print_note) as recorder, torch.inference_mode():

@@ -22,6 +22,7 @@ from ndtorch.navigation.mapping.grid_map import GridMapState
 from ndtorch_robot import ros_messages as ros
 from ndtorch_robot.map_saving import APART
 from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.obstacles import seen_obstacles
 from ndtorch_robot.ports import Closing, Report, Step
 from ndtorch_robot.recording.streams import (
     END,
@@ -200,7 +201,9 @@ class Recorder(Closing):
         if state is not None:
             due = state.map is not None and step.time >= self.next_map
             self.next_map = step.time + MAP_EVERY if due else self.next_map
-            believed = Believed(state.ranges, state.pose, state.place, state.map if due else None)
+            # Taken here: the loop goes on to change the grid.
+            near = state.ranges if self.runner is None else seen_obstacles(state, self.runner.navigator)
+            believed = Believed(near, state.pose, state.place, state.map if due else None)
         return Waiting(step._replace(frames=None, state=None), line_of(step), seen, believed, monotonic())
 
     def images(self, step: Step) -> dict[str, Tensor]:

@@ -9,8 +9,8 @@ pytest.importorskip("pymavlink")
 
 from ndtorch_robot.bridges import Opening, Wish, open_bridges
 from ndtorch_robot.bridges.mavlink import sector_distances
-from ndtorch_robot.bridges.obstacles import nearest_by_sector, seen_obstacles
 from ndtorch_robot.link.mavlink_connection import MavlinkConnection
+from ndtorch_robot.obstacles import nearest_by_sector, seen_obstacles
 from tests.robot.support.autopilot import Autopilot, free_port, wait_for
 from tests.robot.support.known_state import known_step
 

@@ -7,15 +7,18 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
-from ndtorch.navigation import StereoRig, cut_strips
+from ndtorch.navigation import Body, StereoRig, cut_strips
 from ndtorch_robot import ros_messages as ros
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.recording import open_recording
 from ndtorch_robot.recording.bags import Motion, StereoBag, find_topics
+from ndtorch_robot.recording.replay import make_runner
 from tests.robot.support.moving_world import moving_world
 
 RIG = StereoRig(width=160, height=120, focal=107.0, baseline=0.12)
@@ -41,14 +44,37 @@ def images(frames, n, kind):
             yield f"/stereo/{side}/image_rect_color/compressed", ros.compressed_image(data, "bgr8; png", frame, time)
 
 
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+
+
+def to_ros1(message):
+    """The same message of ROS 1: headers are counted, and matrices of a camera have capital letters."""
+    if isinstance(message, list):
+        return [to_ros1(part) for part in message]
+    if not hasattr(message, "__msgtype__"):
+        return message
+    kind = ROS1.types[message.__msgtype__]
+    names = [name for name in kind.__dataclass_fields__ if name != "__msgtype__"]
+    values = {name: to_ros1(getattr(message, name, getattr(message, name.lower(), 0))) for name in names}
+    return kind(**values)
+
+
 def write_bag(folder, plugin, kind, count=30, odometry=True, skip=()):
-    with Writer(folder, version=9, storage_plugin=plugin) as bag:
+    """A bag of ROS 2, or of ROS 1 without a plugin."""
+    if plugin is None:
+        folder, types = folder.with_suffix(".bag"), ROS1
+        writer = Ros1Writer(folder)
+    else:
+        writer, types = Writer(folder, version=9, storage_plugin=plugin), ros.typestore()
+    with writer as bag:
         made = {}
 
         def add(topic, message, n):
+            name = message.__msgtype__
             if topic not in made:
-                made[topic] = bag.add_connection(topic, message.__msgtype__, typestore=ros.typestore())
-            bag.write(made[topic], round((START + n / RATE) * 1e9), ros.to_cdr(message))
+                made[topic] = bag.add_connection(topic, name, typestore=types)
+            data = ROS1.serialize_ros1(to_ros1(message), name) if plugin is None else ros.to_cdr(message)
+            bag.write(made[topic], round((START + n / RATE) * 1e9), data)
 
         for n, frames in enumerate(moving_world(count, RIG)):
             if odometry:
@@ -68,6 +94,8 @@ def write_bag(folder, plugin, kind, count=30, odometry=True, skip=()):
         (StoragePlugin.SQLITE3, "raw", False),
         (StoragePlugin.MCAP, "compressed", False),
         (StoragePlugin.MCAP, "raw", True),
+        (None, "raw", False),
+        (None, "compressed", False),
     ],
 )
 def test_a_bag_becomes_a_recording_that_replays(tmp_path, capsys, plugin, kind, single):
@@ -89,6 +117,39 @@ def test_a_bag_becomes_a_recording_that_replays(tmp_path, capsys, plugin, kind, 
     assert [step.driven.curvature for step in steps[1:]] == pytest.approx([0.5] * 27, rel=1e-3)
     assert main(["replay", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["same"] == 28
+
+
+ROBOT = """
+robot = "x"
+[link]
+kind = "simulated-world"
+[simulation]
+[body]
+length_m = 0.25
+width_m = 0.18
+min_turn_radius_m = 0.2
+camera_height_m = 0.1
+camera_pitch_deg = 2.0
+camera_forward_m = 0.07
+[navigation]
+controller = "ranging"
+"""
+
+
+def test_the_navigator_of_a_bag_has_the_body_of_its_robot(tmp_path):
+    """Body, cameras and options are the file's unless the command has others; calibration and rate are the bag's."""
+    file, bag, told = tmp_path / "my.toml", write_bag(tmp_path / "bag", None, "raw", 3), []
+    file.write_text(ROBOT)
+    for n, more in enumerate(((), ("--controller", "published", "--camera-height", "0.12"))):
+        out = tmp_path / f"{n}.mcap"
+        assert main(["import", str(bag), "--robot", str(file), "--out", str(out), *more]) == 0
+        told.append(make_runner(open_recording(out).configuration))
+    for runner, name, height in zip(told, ("ranging", "published"), (0.1, 0.12), strict=True):
+        assert (runner.body, runner.options.controller) == (Body(0.25, 0.18, 0.2), name)
+        assert (runner.rig.camera_height, runner.rig.forward, runner.options.stereo) == (height, 0.07, "search")
+        assert math.degrees(runner.rig.pitch) == pytest.approx(2.0)
+        assert (runner.rig.focal, runner.rig.baseline) == (pytest.approx(107.0), pytest.approx(0.12))
+        assert runner.rate == pytest.approx(RATE, rel=1e-3)
 
 
 def test_raw_images_are_rectified(tmp_path, monkeypatch):
