@@ -23,7 +23,7 @@ from ndtorch_robot.gym import register
 from ndtorch_robot.gym.environment import strips_of
 from ndtorch_robot.sim.simulation import RIG
 
-ARENA, TRAINING, UNSEEN = "Loop", range(8), range(1000, 1006)
+ARENA, TRAINING, UNSEEN = "Loop", range(8), (1000, 1001, 1002)
 FRAMES = 4
 """Frames that a command of the policy lasts."""
 

@@ -22,7 +22,7 @@ from ndtorch.navigation.controllers.contract import (
     Trace,
 )
 from ndtorch.navigation.controllers.goal.params import GoalParams, with_memory
-from ndtorch.navigation.controllers.goal.replanning import disc_cells, local_map, replan
+from ndtorch.navigation.controllers.goal.replanning import SPIN_BELOW, disc_cells, local_map, replan
 from ndtorch.navigation.controllers.goal.tasks import (
     DONE,
     EXPLORE,
@@ -35,9 +35,10 @@ from ndtorch.navigation.controllers.goal.tasks import (
 )
 from ndtorch.navigation.controllers.ranging._kernels import Array, awake, decide, limit, remember
 from ndtorch.navigation.controllers.ranging.control import RangingControl, check_sizes
+from ndtorch.navigation.controllers.ranging.spin import spun, turn_on_spot
 from ndtorch.navigation.controllers.ranging.tables import ranging_tables
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.local_grid._kernels import LocalGrid, move_grid
+from ndtorch.navigation.local_grid._kernels import LocalGrid, costs, move_grid
 from ndtorch.navigation.local_grid.grid import cells_at, empty_grid
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.planning.costmap import clearance
@@ -142,6 +143,7 @@ class GoalControl(Controller):
             direction=1.0,
             vetoed=0,
             reactive_steps=0,
+            turn_to=math.nan,
             cost=0.0,
             fruitless_s=0.0,
             best_cost=math.inf,
@@ -168,7 +170,10 @@ class GoalControl(Controller):
         speed, curvature, reactive = limit(*map(float, command), state.reactive, lengths[0, 0], noise, t)
         if reactive.mode == STOPPED and state.reactive.mode != STOPPED and state.mode != ARRIVED:
             state = state._replace(mode=STOPPED)
-        return Command(speed, curvature), state._replace(reactive=reactive)
+        command, spin = Command(speed, curvature), self.reactive.spin
+        if spin is not None and (learning or state.reactive_steps > 0):
+            command, reactive = spun(command, reactive, pose, spin, t)
+        return command, state._replace(reactive=reactive)
 
     def on_near_obstacles(
         self, state: GoalState, pose: Pose, obstacles: Obstacles, across: Obstacles, floor_seen: bool
@@ -185,7 +190,8 @@ class GoalControl(Controller):
         """As `Controller.on_goal`."""
         self.params = replace(self.params, goal=goal, explore=False, return_home=False)
         self.tasks = requested_tasks(self.params)
-        return state._replace(task=self.tasks[0], points=0, due=0, cost=0.0, fruitless_s=0.0, vetoed=0, mode=CRUISE)
+        state = state._replace(task=self.tasks[0], points=0, due=0, turn_to=math.nan, vetoed=0, mode=CRUISE)
+        return state._replace(cost=0.0, fruitless_s=0.0)
 
     def can_resume(self, state: GoalState) -> bool:
         """As `RangingControl.can_resume`."""
@@ -233,7 +239,8 @@ class GoalControl(Controller):
         if state.localised < 0:
             # A place in a known map means nothing before the car has found itself there.
             return reaction, state._replace(due=0, mode=state.reactive.mode)
-        if state.reactive_steps <= 0 and state.due <= 0:
+        state = self.turned(state, here[2])
+        if state.reactive_steps <= 0 and state.due <= 0 and math.isnan(state.turn_to):
             state = replan(state, here, self.params, self.every)
         nothing = is_fruitless(state)
         fruitless = state.fruitless_s + self.dt if nothing else 0.0
@@ -243,6 +250,8 @@ class GoalControl(Controller):
             state = state._replace(reactive_steps=second)
         if state.reactive_steps > 0:
             return reaction, state._replace(reactive_steps=state.reactive_steps - 1, due=0, mode=state.reactive.mode)
+        if not math.isnan(state.turn_to):
+            return self.turn(pose, state)
         path = state.path[: state.points]
         p = self.params
         aim = pure_pursuit(path, state.at, here, p.lookahead_m, p.max_curvature_per_m)
@@ -273,6 +282,23 @@ class GoalControl(Controller):
             margin=min(free, seen) - stopping if aim.direction > 0 and not blocked else math.inf,
         )
         return Command(0.0 if blocked else speed * aim.direction, aim.curvature), state
+
+    def turned(self, state: GoalState, heading: float) -> GoalState:
+        """The state with a turn on the spot ended where it has reached its heading."""
+        off = abs(math.remainder(state.turn_to - heading, math.tau))
+        return state._replace(turn_to=math.nan, due=0) if off < SPIN_BELOW else state
+
+    def turn(self, pose: Pose, state: GoalState) -> tuple[Command, GoalState]:
+        """Turn on the spot towards the path; where there is no room, the reactive controller drives for a second."""
+        assert self.reactive.spin is not None
+        side = math.remainder(state.turn_to - pose.heading, math.tau)
+        cost = costs(state.reactive.grid, self.tables.grid.blocked)
+        command = turn_on_spot(cost, pose, side, self.reactive.spin, self.tables)
+        kept = state.reactive._replace(mode=CRUISE, age=0, has_reversed=0)
+        if command is None:
+            state = state._replace(turn_to=math.nan, due=0, reactive_steps=round(1 / self.dt))
+            return Command(0.0, 0.0), state._replace(reactive=kept, mode=TURN)
+        return command, state._replace(reactive=kept, mode=TURN)
 
     def free_ahead(self, lengths: Array, direction: float, curvature: float) -> float:
         """How far the reactive controller sees room on the arcs nearest to the one that is wanted, m."""

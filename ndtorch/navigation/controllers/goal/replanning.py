@@ -19,6 +19,12 @@ from ndtorch.navigation.planning.planner import Plan, goal_costs, plan
 FREE_RATIO = 0.1
 """Cells with less evidence than minus this share of a blocked cell's are free."""
 
+SPIN_LOOK_M = 0.6
+"""The heading of the path of a differential drive is that to the place so far down the costs to the goal."""
+
+SPIN_ABOVE, SPIN_BELOW = math.radians(60), math.radians(15)
+"""It turns on the spot where that heading is farther off than the first, until it is nearer than the second."""
+
 PROGRESS_M = 0.1
 """A path to a frontier that costs this much less than before is progress."""
 
@@ -53,14 +59,32 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
     path = np.zeros((MAX_POINTS, 6), np.float32)
     path[:points, :5] = made.path[:points]
     path[:points, 5] = speed_profile(made, around, limits, p.planner)[:points]
+    heading = math.nan
+    if p.reactive.body.spins and math.isfinite(made.cost):
+        heading = path_heading(made.to_go, around, here, p.planner.costmap_cells)
     return state._replace(
         path=path,
         points=points if points > 1 else 0,
         seen=min(seen_points(made, around), points),
+        turn_to=heading if abs(math.remainder(heading - here[2], math.tau)) > SPIN_ABOVE else math.nan,
         at=0,
         due=every,
         cost=float(made.cost),
     )
+
+
+def path_heading(to_go: Floats, around: LocalMap, here: tuple[float, float, float], cells: int) -> float:
+    """Heading from here to the place `SPIN_LOOK_M` down the costs of `dijkstra`, radians; NaN where they end here."""
+    row, column = (n // cells for n in around.cell_of(here[0], here[1]))
+    side = around.cell * cells
+    start = row, column
+    for _ in range(round(SPIN_LOOK_M / side)):
+        top, left = max(row - 1, 0), max(column - 1, 0)
+        beside = to_go[top : row + 2, left : column + 2]
+        down, aside = divmod(int(beside.argmin()), beside.shape[1])
+        row, column = top + down, left + aside
+    moved = row - start[0], column - start[1]
+    return math.atan2(*moved) if any(moved) else math.nan
 
 
 def check_progress(

@@ -77,11 +77,13 @@ def spun(
         return command, state
     if free[AHEAD] >= spin.cruise_above_m:
         return Command(spin.speed_m_per_s, 0.0), state._replace(mode=TURN)
+    turn = turn_on_spot(cost, pose, state.turn_side, spin, tables)
+    return (command, state) if turn is None else (turn, state._replace(turn_side=math.copysign(1.0, turn.curvature)))
+
+
+def turn_on_spot(cost: Array, pose: Pose, side: float, spin: Spin, tables: RangingTables) -> Command | None:
+    """A turn to a side, positive for the left, or to the other one where only there is room; None where nowhere is."""
     around = lengths(cost, pose, (spin.arcs.x, spin.arcs.y), spin.arcs, tables) / spin.arcs.step
-    side = 1.0 if state.turn_side > 0 else -1.0
-    least = MIN_STEPS - 0.5
-    if around[0 if side > 0 else 1] < least:
-        side = -side
-    if around[0 if side > 0 else 1] < least:
-        return command, state
-    return Command(TURN_RATE * SPOT_RADIUS, side / SPOT_RADIUS), state._replace(turn_side=side)
+    sides = (1.0, -1.0) if side > 0 else (-1.0, 1.0)
+    room = (side for side in sides if around[0 if side > 0 else 1] > MIN_STEPS - 0.5)
+    return next((Command(TURN_RATE * SPOT_RADIUS, side / SPOT_RADIUS) for side in room), None)

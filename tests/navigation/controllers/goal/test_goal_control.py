@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ndtorch.navigation import ARRIVED, CRUISE, Command, NavigatorOptions, Pose, StereoRig
+from ndtorch.navigation import ARRIVED, CRUISE, Body, Command, NavigatorOptions, Pose, StereoRig
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.params import reactive_params
 from ndtorch.navigation.local_grid.grid import LocalGridParams
@@ -53,6 +53,23 @@ def test_it_goes_to_the_place_and_back_and_stands():
     assert nearest < 0.5
     assert math.hypot(pose.x, pose.y) < 0.35
     assert float(command.speed) == 0
+
+
+@pytest.mark.parametrize("goal", [(-1.5, 0.2), (-0.3, -1.5)])
+def test_a_differential_drive_turns_on_the_spot_to_a_goal_behind_it(goal):
+    """It drives ahead alone, and little more than the distance."""
+    body = Body(min_turn_radius_m=0.0)
+    control = GoalControl(RIG, DT, GoalParams(goal=goal, reactive=replace(SMALL, body=body)))
+    pose, state, command = drive(control, 20, place(0.0, 0.0, 0.0))
+    left, driven = math.dist(pose[:2], goal), 0.0
+    for _ in range(600):
+        pose, state, command = drive(control, 1, pose, state)
+        driven += command.speed * DT
+        assert command.speed >= 0
+        if control.mode(state) == ARRIVED:
+            break
+    assert control.mode(state) == ARRIVED
+    assert driven < 1.2 * left
 
 
 def test_the_same_state_gives_the_same_step_and_stays_as_it_was():
