@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ndtorch.arguments import check_numbers, check_signs
 from ndtorch.errors import InputError
 from ndtorch.navigation import CRUISE, TURN
 from ndtorch.navigation.body import braking_speed
@@ -34,32 +32,14 @@ GO = 1e-3
 """A wish of a lower speed is a stand, m/s."""
 
 
-@dataclass(frozen=True)
-class GuardParams:
-    """Parameters of the guard, for the body of [A].
+BRAKE_SHARE, SEEING_S = 0.6, 0.05
+"""It counts on this share of the acceleration of the body, and on this time beside its reaction until it brakes, s."""
 
-    Args:
-        deceleration_m_per_s2: The car brakes at least this fast.
-        reaction_s: It begins to brake this long after something was seen.
-        stop_m: It stands where less is free than this.
-        resume_m: It goes on where more is free than this.
-        unseen_speed_m_per_s: The car drives no faster than this into what was not seen free.
+STOP, RESUME = 0.1, 0.3
+"""It stands where less than the first is free, and goes on where the second is, in units of the body, m."""
 
-    Raises:
-        InputError: A number is not positive, or it would go on before it stops.
-    """
-
-    deceleration_m_per_s2: float = 1.5
-    reaction_s: float = 0.15
-    stop_m: float = 0.1
-    resume_m: float = 0.3
-    unseen_speed_m_per_s: float = 0.3
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
-        check_signs(self, positive=vars(self))
-        if self.resume_m < self.stop_m:
-            raise InputError(f"resume_m must be stop_m or more, got {self.resume_m} and {self.stop_m}")
+UNSEEN_SPEED = 0.3
+"""It drives no faster than this into what was not seen free, in units of the body, m/s."""
 
 
 class Guard:
@@ -71,7 +51,6 @@ class Guard:
     Args:
         runner: of a car with the controller `ranging`.
         wish: the command from outside.
-        params: of the guard.
 
     Attributes:
         free: how far the path of the wish was free, m.
@@ -81,15 +60,13 @@ class Guard:
         InputError: another controller.
     """
 
-    def __init__(
-        self, runner: NavigatorRunner, wish: Callable[[], DriveCommand], params: GuardParams | None = None
-    ) -> None:
+    def __init__(self, runner: NavigatorRunner, wish: Callable[[], DriveCommand]) -> None:
         controller: Any = runner.navigator.controller
         self.unit = float(getattr(controller, "unit", 1.0))
         self.control = getattr(controller, "inner", controller)
         if self.control.name != "ranging":
             raise InputError(f"a guard sees with the controller 'ranging', got {self.control.name!r}")
-        self.runner, self.wish, self.params = runner, wish, params or GuardParams()
+        self.runner, self.wish = runner, wish
         self.free, self.stopped, self.steps = 0.0, False, 0
 
     def __call__(self, wanted: DriveCommand) -> DriveCommand:
@@ -130,23 +107,24 @@ class Guard:
 
     def speed_limit(self, wish: DriveCommand, control: RangingState) -> float:
         """The speed from which the car stops within what is free on the path of the wish, m/s; 0 is a stop."""
-        p, unit = self.params, self.unit
+        unit = self.unit
         free, seen = (unit * length for length in self.lengths(wish, control))
         # No camera looks backward, nor into a turn: there only what was seen free before, or driven over, counts.
         blind = wish.speed < 0 or abs(wish.curvature) * unit > CURVED
         self.free = free = min(free, seen) if blind else free
-        if free < unit * (p.resume_m if self.stopped else p.stop_m):
+        if free < unit * (RESUME if self.stopped else STOP):
             return 0.0
         most = self.stops_within(free)
         if wish.speed > 0:
-            most = min(most, max(self.stops_within(seen), p.unseen_speed_m_per_s * unit))
+            most = min(most, max(self.stops_within(seen), UNSEEN_SPEED * unit))
             share = speed_share(known_share(control.floor, self.control.tables.floor))
             most = most if share >= 1 else min(most, share * self.control.params.speed_m_per_s * unit)
         return most
 
     def stops_within(self, length: float) -> float:
         """The speed from which the car stops within a length, reaction included, m/s."""
-        return braking_speed(length, self.params.deceleration_m_per_s2 * self.unit, self.params.reaction_s)
+        body = self.runner.body
+        return braking_speed(length, BRAKE_SHARE * body.max_acceleration_m_per_s2, body.reaction_s + SEEING_S)
 
     def lengths(self, wish: DriveCommand, control: RangingState) -> tuple[float, float]:
         """How far the path of the wish is free, and how far it was seen free, in units of the body."""

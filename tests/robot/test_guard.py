@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
+from ndtorch.navigation import Body
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.evaluation.guard import BlindDriver, guard_table, judge, true_free
-from ndtorch_robot.guard import Guard, GuardParams
+from ndtorch_robot.guard import Guard
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import STAND, DriveCommand
 from ndtorch_robot.sim.simulation import RIG
@@ -40,6 +41,15 @@ def test_it_stops_within_what_is_free(distance):
     stops = speed * 0.15 + speed**2 / (2 * 1.5)
     free = distance - LENGTH / 2 - MARGIN
     assert free - 2.5 * CELL <= stops <= free + 0.5 * CELL + 1e-6
+
+
+@pytest.mark.parametrize(("acceleration", "reaction"), [(0.8, 0.15), (2.5, 0.4)])
+def test_it_counts_on_what_the_body_can_do(acceleration, reaction):
+    """On no more than .6 of its acceleration, and no quicker than its reaction."""
+    guard = guarded([], (2.0, 0.0))
+    guard.runner.body = Body(max_acceleration_m_per_s2=acceleration, reaction_s=reaction)
+    speed = guard.stops_within(0.5)
+    assert 0.45 <= speed * reaction + speed**2 / (2 * 0.6 * acceleration) <= 0.5
 
 
 def test_a_slower_wish_passes_as_it_is():
@@ -99,8 +109,6 @@ def test_it_needs_the_controller_that_sees_floor():
     runner = NavigatorRunner(NavigatorOptions(controller="published"), RIG, 30.0)
     with pytest.raises(InputError, match="a guard sees with the controller 'ranging', got 'published'"):
         Guard(runner, lambda: STAND)
-    with pytest.raises(InputError, match="resume_m must be stop_m or more"):
-        GuardParams(stop_m=0.5)
 
 
 def test_the_truth_is_where_the_car_first_touches():
