@@ -12,9 +12,10 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 from ndtorch.cli.commands import main
-from ndtorch_robot.recording import open_recording
 
 # %%
 # Fifteen seconds of driving in a room.
@@ -31,19 +32,33 @@ print("exit code", code)
 assert code == 0
 
 # %%
-# The steps can be read one by one, the frames with them. Above: the horizon row of the left camera over time; edges
-# that pass draw slanted lines. Below: what the navigator wanted.
-recording = open_recording(Path(record))
-steps = list(recording.steps())
-times = [step.time - steps[0].time for step in steps]
-rows = np.stack([np.asarray(step.frames.left.row).reshape(3, -1).T for step in steps])
-figure, panels = plt.subplots(
-    3, 1, figsize=(8, 7), sharex=True, layout="constrained", gridspec_kw={"height_ratios": [3, 1, 1]}
+# The messages are those of ROS 2: here ``mcap-ros2-support`` decodes them, which knows nothing of this package. Left:
+# the horizon row of the left camera; edges that pass draw slanted lines. Right: the map, the path, and the last scan.
+topics, rows, path = ["/camera/left/row", "/odom", "/scan", "/map"], [], []
+with Path(record).open("rb") as file:
+    for _, channel, _, told in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics):
+        if channel.topic == "/odom":
+            pose = told.pose.pose
+            path.append((pose.position.x, pose.position.y, 2 * np.arctan2(pose.orientation.z, pose.orientation.w)))
+        elif channel.topic == "/camera/left/row":
+            rows.append(np.frombuffer(bytes(told.data), np.uint8).reshape(-1, 3))
+        elif channel.topic == "/scan":
+            scan = told
+        else:
+            grid = told
+figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5), layout="constrained")
+left.imshow(np.stack(rows), aspect="auto", extent=(0, len(rows[0]), 15, 0))
+left.set(xlabel="column (pixels)", ylabel="time (s)", title="/camera/left/row")
+x, y, side = grid.info.origin.position.x, grid.info.origin.position.y, grid.info.resolution
+cells = np.array(grid.data).reshape(grid.info.height, grid.info.width)
+extent = (x, x + side * grid.info.width, y, y + side * grid.info.height)
+right.imshow(cells, cmap="Greys", origin="lower", extent=extent, vmin=-50)
+x, y, heading = np.array(path).T
+right.plot(x, y, label="/odom")
+bearing = heading[-1] + scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+right.plot(x[-1] + scan.ranges * np.cos(bearing), y[-1] + scan.ranges * np.sin(bearing), ".", label="/scan")
+right.set(
+    xlim=(x.min() - 4, x.max() + 4), ylim=(y.min() - 4, y.max() + 4), xlabel="x (m)", title="/map", aspect="equal"
 )
-panels[0].imshow(rows.transpose(1, 0, 2), aspect="auto", extent=(times[0], times[-1], rows.shape[1], 0))
-panels[0].set(ylabel="column (pixels)", title="horizon row of the left camera")
-panels[1].plot(times, [step.wanted.speed for step in steps])
-panels[1].set_ylabel("speed (m/s)")
-panels[2].plot(times, [step.wanted.curvature for step in steps])
-panels[2].set(ylabel="curvature (1/m)", xlabel="time (s)")
+right.legend()
 plt.show()

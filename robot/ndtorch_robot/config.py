@@ -9,11 +9,10 @@ from pydantic import Field, field_validator
 
 from ndtorch.navigation import Body, StereoRig
 from ndtorch.navigation.options import OPTION_NAMES
-from ndtorch.utils.packages import toml_file
-from ndtorch.utils.toml import check, read_toml, toml_values
+from ndtorch.utils.toml import check, toml_values
 from ndtorch_robot.navigator_table import NavigatorTable
 from ndtorch_robot.robot_config import RobotTable
-from ndtorch_robot.run_config import RunConfig
+from ndtorch_robot.run_config import read_run_config
 from ndtorch_robot.safety import SafetyLimits
 from ndtorch_robot.sim.disturbances import read_disturbances
 
@@ -94,6 +93,6 @@ def robot_of(values: dict[str, object]) -> dict[str, object]:
 
 def read_robot(file: Path) -> tuple[RobotTable, dict[str, object]]:
     """The robot of a file, or of one in `robot/configs`, and the options of the navigator that the file sets."""
-    found = read_toml(toml_file(file, "ndtorch_robot", "configs"), RunConfig)
+    found = read_run_config(file)
     options = found.navigation.model_dump(include=set(OPTION_NAMES), exclude_unset=True)
     return RobotTable(**found.model_dump(include=set(RobotTable.model_fields))), options

@@ -104,13 +104,9 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
 
 def main(arguments: list[str]) -> None:
     """Write `params.h` for a configuration, by default for the car of [A], to stdout."""
-    from ndtorch.utils.packages import toml_file
-    from ndtorch.utils.toml import read_toml
-    from ndtorch_robot.run_config import RunConfig
+    from ndtorch_robot.run_config import read_run_config
 
-    config = read_toml(
-        toml_file(Path(arguments[0] if arguments else "maxstone8"), "ndtorch_robot", "configs"), RunConfig
-    )
+    config = read_run_config(Path(arguments[0] if arguments else "maxstone8"))
     sys.stdout.write(onboard_params(config.stereo_rig(), 1 / config.rate_hz))
 
 

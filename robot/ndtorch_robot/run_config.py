@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
-from ndtorch.utils.toml import Strict
+from ndtorch.utils.packages import toml_file
+from ndtorch.utils.toml import Strict, read_toml
 from ndtorch_robot.bridges.registry import BRIDGES
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.link.registry import HOSTED_BOARD, SERIAL, check_link
@@ -102,3 +104,8 @@ class RunConfig(RobotTable):
     def link_table(self) -> dict[str, Any]:
         simulated = self.simulation is not None and "device" not in self.link
         return {"kind": HOSTED_BOARD if simulated else SERIAL, **self.link}
+
+
+def read_run_config(file: Path) -> RunConfig:
+    """The file of a robot: a path, or the bare name of one in `robot/configs`."""
+    return read_toml(toml_file(file, "ndtorch_robot", "configs"), RunConfig)

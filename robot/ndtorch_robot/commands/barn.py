@@ -12,7 +12,6 @@ import tyro
 
 from ndtorch.cli.command_run import INTERRUPTED
 from ndtorch.errors import InputError
-from ndtorch.utils import workers
 from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:
@@ -65,12 +64,10 @@ class Barn:
     def run(self) -> int:
         from ndtorch.run.folder import place_for
         from ndtorch_robot.barn.attempts import AttemptCache
-        from ndtorch_robot.evaluation.drives import finish
+        from ndtorch_robot.evaluation.drives import finish, processes_of
 
-        worlds = self.chosen()
+        worlds, processes = self.chosen(), processes_of(self.jobs)
         entries = [self.entry(world) for world in worlds]
-        if self.jobs < 0:
-            raise InputError(f"--jobs must be 1 or more, got {self.jobs}")
         if self.moving_cylinders < 0:
             raise InputError(f"--moving-cylinders must be 0 or more, got {self.moving_cylinders}")
         names = sorted(AttemptCache(Path()).name(entry) for entry in entries)
@@ -80,11 +77,8 @@ class Barn:
         troubles: list[str] = []
         interrupted = False
         try:
-            missing = [e for e in entries if cache.get(e) is None]
-            processes = self.jobs or workers.cores()
-            troubles = finish(
-                drive_world, missing, cache, processes, lambda e: f"world {e.world.number}", unit=" worlds"
-            )
+            named = "world {0.world.number}".format
+            troubles = finish(drive_world, entries, cache, processes, named, unit=" worlds")
         except KeyboardInterrupt:
             interrupted = True
         made = [found for e in entries if (found := cache.attempt(e)) is not None]
@@ -107,17 +101,12 @@ class Barn:
 
     def entry(self, world: World) -> Entry:
         from ndtorch.navigation.options import OPTION_NAMES, options_of
-        from ndtorch.utils.packages import toml_file
-        from ndtorch.utils.toml import read_toml
         from ndtorch_robot.barn.attempts import Entry
         from ndtorch_robot.barn.moving import moving_cylinders
-        from ndtorch_robot.robot_config import RobotTable
-        from ndtorch_robot.run_config import RunConfig
+        from ndtorch_robot.config import read_robot
 
         given = {k: v for k, v in asdict(self).items() if k in OPTION_NAMES and v is not None and v is not False}
-        file = None if self.robot is None else toml_file(self.robot, "ndtorch_robot", "configs")
-        found = None if file is None else read_toml(file, RunConfig)
-        robot = None if found is None else RobotTable(**found.model_dump(include=set(RobotTable.model_fields)))
+        robot = None if self.robot is None else read_robot(self.robot)[0]
         movers = moving_cylinders(world, self.moving_cylinders, self.seed)
         return Entry(world, options_of(given), self.seed, robot, movers)
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.utils.packages import toml_file
 
 if TYPE_CHECKING:
     from ndtorch.navigation import StereoRig
@@ -47,15 +46,14 @@ class Check:
     """The points that were right are printed as one JSON object; all other output goes to stderr."""
 
     def run(self) -> int:
-        from ndtorch.utils.toml import read_toml
         from ndtorch_robot.link import Opening, open_link
         from ndtorch_robot.link.registry import MovesWorld
         from ndtorch_robot.loop import MonotonicClock
         from ndtorch_robot.run import make_simulation, timed_report
-        from ndtorch_robot.run_config import RunConfig
+        from ndtorch_robot.run_config import read_run_config
         from ndtorch_robot.safety import SafeDrive
 
-        config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
+        config = read_run_config(self.config)
         self.say("1. Cameras and floor")
         cameras, floor = self.cameras(config)
         found = {"cameras": cameras, "floor": floor}

@@ -12,7 +12,6 @@ import tyro
 
 from ndtorch.cli.command_run import INTERRUPTED
 from ndtorch.errors import InputError
-from ndtorch.utils import workers
 from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:
@@ -71,9 +70,9 @@ class Evaluate:
     def run(self) -> int:
         from ndtorch.report.page import NAME, open_in_browser
         from ndtorch.run.folder import place_for
-        from ndtorch_robot.evaluation.drives import DriveCache, drive_once, finish
+        from ndtorch_robot.evaluation.drives import DriveCache, drive_once, finish, processes_of
 
-        drives, processes = self.drives(), self.processes()
+        drives, processes = self.drives(), processes_of(self.jobs)
         place = place_for(self.out, settings_of(drives), force=self.force)
         place.take_over("drives")
         out = place.folder
@@ -81,10 +80,9 @@ class Evaluate:
         troubles: list[str] = []
         interrupted = False
         try:
-            missing = [d for d in drives if cache.get(d) is None]
             form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s, {rate_fmt}, {remaining} left"
             look = {"unit": "x", "bar_format": form}
-            troubles = finish(drive_once, missing, cache, processes, name_of, lambda d: d.seconds, **look)
+            troubles = finish(drive_once, drives, cache, processes, name_of, lambda d: d.seconds, **look)
         except KeyboardInterrupt:
             interrupted = True
         found = [(d, summary) for d in drives if (summary := cache.get(d)) is not None]
@@ -128,11 +126,6 @@ class Evaluate:
             for seed in self.seeds:
                 load_arena(arena, seed)
         return drives
-
-    def processes(self) -> int:
-        if self.jobs < 0:
-            raise InputError(f"--jobs must be 1 or more, got {self.jobs}")
-        return self.jobs or workers.cores()
 
     def note(self, drives: list[DriveConfig], found: list[Any]) -> str:
         seeds = ", ".join(str(seed) for seed in dict.fromkeys(self.seeds))

@@ -12,7 +12,6 @@ from typing import Annotated
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.utils.packages import toml_file
 from ndtorch_robot.commands.evaluate import SEEDS, arenas_of, name_of
 
 SECONDS = 60.0
@@ -51,15 +50,14 @@ class Guard:
 
     def drive(self) -> int:
         """Guard a car until it is told to end."""
-        from ndtorch.utils.toml import read_toml
         from ndtorch_robot.bridges import Opening, Wish, open_bridges
         from ndtorch_robot.emergency import emergency_stops
         from ndtorch_robot.guard import Guard as Steer
         from ndtorch_robot.run import open_car, real_time_priority, timed_report
-        from ndtorch_robot.run_config import RunConfig
+        from ndtorch_robot.run_config import read_run_config
 
         assert self.config is not None
-        config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
+        config = read_run_config(self.config)
         if not config.bridges:
             raise InputError(
                 f"{self.config}: nobody gives a command: add [bridges.ros2], [bridges.mavlink] or [bridges.gamepad]"
@@ -79,10 +77,9 @@ class Guard:
 
     def judge(self) -> int:
         """Drive in all arenas, and write the table."""
-        from ndtorch.utils import workers
         from ndtorch.utils.files import write_text
         from ndtorch_robot.config import load_config
-        from ndtorch_robot.evaluation.drives import DriveCache, finish
+        from ndtorch_robot.evaluation.drives import DriveCache, finish, processes_of
         from ndtorch_robot.evaluation.guard import guard_table, guarded_drive
 
         seconds = self.seconds or SECONDS
@@ -90,9 +87,7 @@ class Guard:
         drives = [load_config(None, {"arena": arena, "seed": seed, "seconds": seconds}) for arena, seed in given]
         cache = DriveCache(self.out / ("unguarded" if self.unguarded else "guarded"))
         work = partial(guarded_drive, guarded=not self.unguarded)
-        missing = [config for config in drives if cache.get(config) is None]
-        jobs = self.jobs or workers.cores()
-        troubles = finish(work, missing, cache, jobs, name_of, lambda config: config.seconds)
+        troubles = finish(work, drives, cache, processes_of(self.jobs), name_of, lambda config: config.seconds)
         found = [summary for config in drives if (summary := cache.get(config)) is not None]
         table = guard_table(found)
         write_text(cache.folder / "table.md", table)

@@ -13,7 +13,6 @@ import tyro
 
 from ndtorch.cli.command_run import INCOMPLETE
 from ndtorch.errors import InputError
-from ndtorch.utils.packages import toml_file
 
 if TYPE_CHECKING:
     from ndtorch.run.folder import RunFolder
@@ -56,17 +55,16 @@ class Run:
     def run(self) -> int:
         import torch
 
-        from ndtorch.utils.toml import read_toml
         from ndtorch_robot.bridges import Opening, open_bridges
         from ndtorch_robot.emergency import HELP, emergency_stops
         from ndtorch_robot.map_saving import WalkedPath, save_runner_map
         from ndtorch_robot.recording import Recorder
         from ndtorch_robot.run import open_car, real_time_priority, timed_report
-        from ndtorch_robot.run_config import RunConfig
+        from ndtorch_robot.run_config import read_run_config
 
         if self.seconds is not None and not 0 < self.seconds < 1e7:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
-        config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
+        config = read_run_config(self.config)
         if self.disturbance:
             config = with_disturbance(config, self.disturbance)
         torch.set_num_threads(1)

@@ -13,6 +13,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from ndtorch.errors import InputError
 from ndtorch.utils import workers
 from ndtorch.utils.files import TABLE_BYTES, read_text, write_text
 from ndtorch.utils.packages import code_digest
@@ -92,16 +93,27 @@ class DriveCache(ResultCache[DriveConfig]):
         return key_of(job, self.code)
 
 
+def processes_of(jobs: int) -> int:
+    """What `--jobs` asks for: 0 is one a core.
+
+    Raises:
+        InputError: less.
+    """
+    if jobs < 0:
+        raise InputError(f"--jobs must be 1 or more, got {jobs}")
+    return jobs or workers.cores()
+
+
 def finish(
     work: Callable[[Job, Callable[[float], None]], Summary],
-    missing: list[Job],
+    given: list[Job],
     cache: ResultCache[Job],
     processes: int,
     name: Callable[[Job], str],
     size: Callable[[Job], float] = lambda job: 1.0,
     **bar_options: Any,
 ) -> list[str]:
-    """Do the jobs that are missing, keeping each as soon as it is done; returns what went wrong for good.
+    """Do those jobs whose results are missing, keeping each as soon as it is done; returns what went wrong for good.
 
     Args:
         name: of a job, for messages.
@@ -109,6 +121,7 @@ def finish(
     """
     from ndtorch.run.progress import progress_bar
 
+    missing = [job for job in given if cache.get(job) is None]
     made, troubles, left = [0.0] * len(missing), list[str](), len(missing)
     if not missing:
         return []

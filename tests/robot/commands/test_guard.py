@@ -45,9 +45,10 @@ def test_arenas_are_judged_once_and_kept(monkeypatch, tmp_path, capsys):
         counts = {"must_stop": 4, "held": 3, "may_go": 10, "false_stops": 1, "stop_s": [0.2], "stop_m": [0.1]}
         return found | counts
 
-    def finish(work, missing, cache, *_):
-        for config in missing:
-            cache.put(config, work(config, lambda seconds: None))
+    def finish(work, given, cache, *_):
+        for config in given:
+            if cache.get(config) is None:
+                cache.put(config, work(config, lambda seconds: None))
         return []
 
     monkeypatch.setattr(evaluation, "guarded_drive", drive)
