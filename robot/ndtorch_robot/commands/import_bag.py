@@ -80,16 +80,17 @@ class Import:
         if not 0 < self.map_half_size < 1e4:
             raise InputError(f"--map-half-size must be from 0 to 10000 m, got {self.map_half_size}")
         given = {k: v for k, v in asdict(self).items() if v is not None and v is not False}
-        body, options = BodyTable(camera_forward_m=0.0), {"controller": "published", "stereo": "search"}
+        body, usual = BodyTable(camera_forward_m=0.0), {"controller": "published", "stereo": "search"}
+        own: dict[str, object] = {}
         if self.robot is not None:
             robot, own = read_robot(self.robot)
-            body, options = robot.body, options | own
+            body = robot.body
         pitch = math.radians(given.get("pitch", body.camera_pitch_deg))
         where = {"camera_height": body.camera_height_m, "forward": body.camera_forward_m}
         where = {name: given.get(name, length) for name, length in where.items()} | {"pitch": pitch}
         bag, half = StereoBag(self.bag, self.left, self.right, self.odometry, **where), self.map_half_size
         grid = Grid(-half, half, -half, half, 0.05)
-        options = options_of(options | given)
+        options = options_of(usual | own | given)
         runner = NavigatorRunner(options, bag.rig, bag.rate, grid, near_check=False, body=body.body())
         if bag.topics.odometry is None:
             print_note("the bag has no odometry: the robot is taken to stand")
