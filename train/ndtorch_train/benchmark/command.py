@@ -225,6 +225,40 @@ class ObjectVideos(Seeded):
 
 
 @dataclass(frozen=True)
+class ShapeIdentification(Seeded):
+    """Score who names a shape of moving dots, among two, as psychophysics of common fate does."""
+
+    methods: tuple[str, ...] = ()
+    """Methods to compare: figure-ground, dis and dis-whole-film; none for all."""
+    conditions: tuple[str, ...] = ()
+    """Which of plain, fast, short-lived, sparse, noise and short are drawn; none for all."""
+    films: int = 100
+    """Number of films of each condition."""
+
+    def benchmark(self) -> Benchmark:
+        """The films."""
+        from ndtorch_train.benchmark.shape_identification import shape_benchmark
+
+        return shape_benchmark(self.methods, self.conditions, self.films, self.split)
+
+
+@dataclass(frozen=True)
+class Mixtures(Seeded):
+    """Score blind separation of random mixtures, as online independent component analysis is."""
+
+    mixtures: int = 5
+    """Number of mixtures of each kind and correlation."""
+    samples: int = 100_000
+    """Number of samples of a mixture."""
+
+    def benchmark(self) -> Benchmark:
+        """The mixtures."""
+        from ndtorch_train.benchmark.mixtures import mixture_benchmark
+
+        return mixture_benchmark(self.mixtures, self.samples, self.split)
+
+
+@dataclass(frozen=True)
 class Ranges(Options):
     """Score ranges of single rows on stereo pairs with ground truth, beside OpenCV's semi-global matching."""
 
@@ -242,7 +276,7 @@ class Ranges(Options):
 
 @dataclass(frozen=True)
 class BenchmarkCommand:
-    """Score models and peers: scenes, hard, over-time, foreground, common-fate, object-videos or ranges.
+    """Score models and peers, one sub-command a benchmark.
 
     Every benchmark writes NAME.csv, NAME.md, an image and report.html, and goes on where it was stopped. Choose
     constants on the split `tune` and report the split `test`: their seeds have none in common.
@@ -254,7 +288,9 @@ class BenchmarkCommand:
         "over-time": OverTime,
         "foreground": Foreground,
         "common-fate": CommonFate,
+        "shape-identification": ShapeIdentification,
         "object-videos": ObjectVideos,
+        "mixtures": Mixtures,
         "ranges": Ranges,
     }
 
