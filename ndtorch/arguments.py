@@ -278,12 +278,22 @@ def rows_in(name: str, seconds: float, dt: float, least: int = 1) -> int:
     return max(least, round(rows))
 
 
-def check_numbers(params: Any, endless: Collection[str] = ()) -> None:
+def check_numbers(
+    params: Any,
+    *,
+    endless: Collection[str] = (),
+    positive: Collection[str] | None = None,
+    signed: Collection[str] = (),
+) -> None:
     """Raise `InputError` where a field of a dataclass is not of the kind of its default: a truth value, a whole number,
     a number, or a tuple of numbers; None may take the place of a number or a tuple where it is the default.
 
     NaN is no number. Infinity is one where it is the default, where the field is a time constant, `tau_...`, and where
     the field is one of `endless`.
+
+    Args:
+        positive: fields that must be above 0, where all other numbers must be 0 or above, except those of `signed`;
+            None where a number may have any sign.
     """
     for field in dataclasses.fields(params):
         value, usual = getattr(params, field.name), field.default
@@ -301,13 +311,8 @@ def check_numbers(params: Any, endless: Collection[str] = ()) -> None:
             continue
         if wanted:
             raise InputError(f"{field.name} must be {wanted}, got {repr(value)[:40]}")
-
-
-def check_signs(params: Any, positive: Collection[str], signed: Collection[str] = ()) -> None:
-    """Raise `InputError` where a number of a dataclass is negative, or is 0 and one of `positive`; those of
-    `signed` may be anything."""
     for name, value in vars(params).items():
-        if name in signed or isinstance(value, bool) or not isinstance(value, Real):
+        if positive is None or name in signed or isinstance(value, bool) or not isinstance(value, Real):
             continue
         if value < 0 or (value == 0 and name in positive):
             raise InputError(f"{name} must be {'> 0' if name in positive else '>= 0'}, got {value}")

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_number, check_numbers, check_signs, is_number
+from ndtorch.arguments import check_number, check_numbers, is_number
 from ndtorch.binding.spectrum import limit_spectral_radius
 from ndtorch.errors import InputError, did_you_mean
 
@@ -208,11 +208,8 @@ class ScaleFreeRule:
     uses_power = True
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        if not self.gamma >= 0:
-            raise InputError(f"gamma must be a learning rate >= 0, got {self.gamma}")
+        check_numbers(self, positive=("tau_boost", "exponent", "floor"), signed=("lowest", "tau_onset", "radius_limit"))
         check_constants(self.tau_onset, self.radius_limit)
-        check_signs(self, positive=("tau_boost", "exponent", "floor"), signed=("lowest",))
         if self.lowest > 0:
             raise InputError(f"lowest must be <= 0, got {self.lowest}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ndtorch.arguments import check_numbers, check_signs, renamed_fields
+from ndtorch.arguments import check_numbers, renamed_fields
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.stereo.correspondence import MatchParams
 from ndtorch.navigation.stereo.rig import StereoRig
@@ -57,9 +57,7 @@ class Body:
     reaction_s: float = 0.1
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        positive = ("length_m", "width_m", "max_speed_m_per_s", "max_acceleration_m_per_s2")
-        check_signs(self, positive=positive)
+        check_numbers(self, positive=("length_m", "width_m", "max_speed_m_per_s", "max_acceleration_m_per_s2"))
 
     @property
     def spins(self) -> bool:

@@ -64,8 +64,11 @@ class JitFunction(Generic[R]):
 
     @cached_property
     def callee(self) -> Any:
-        """Numba's function for calls from other compiled functions, whose code contains it."""
-        return self.compiler()
+        """Numba's function for calls from other compiled functions, whose code contains it.
+
+        Python cannot call it: the wrapper for that would take a fifth of the time to compile.
+        """
+        return self.compiler(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
     def compiler(self, **options: Any) -> Any:
         import numba

@@ -60,7 +60,7 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
         "SPACING": row.spacing,
         "TURN_STEPS": int(saccade.turn_steps),
         "WATCHING_STEPS": int(saccade.watching),
-        "START_AGE_STEPS": int(control.begun),
+        "START_AGE_STEPS": int(control.numbers.age),
         "EXACT_ANGLES": int(geometry.exact),
     }
     real: dict[str, float] = {

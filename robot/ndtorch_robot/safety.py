@@ -47,10 +47,7 @@ class SafetyLimits:
     recovery: float = 1.0
 
     def __post_init__(self) -> None:
-        check_numbers(self, endless=["recovery"])
-        for name, value in vars(self).items():
-            if not value >= 0:
-                raise InputError(f"{name} must be 0 or more, got {value}")
+        check_numbers(self, endless=["recovery"], positive=())
 
 
 class SafeDrive:

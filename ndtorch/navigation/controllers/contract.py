@@ -54,11 +54,9 @@ class Task:
     speed: float = 0.5
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_numbers(self, positive=())
         if self.goal is not None and not (isinstance(self.goal, tuple | list) and len(self.goal) == 2):
             raise InputError(f"goal must be x and y in metres, got {self.goal!r}")
-        if self.speed < 0:
-            raise InputError(f"speed must be >= 0, got {self.speed}")
 
     @property
     def has_goal(self) -> bool:

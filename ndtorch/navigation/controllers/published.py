@@ -10,20 +10,19 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_kind, check_numbers, check_signs, check_tensor, renamed_fields
+from ndtorch.arguments import check_kind, check_numbers, check_tensor, renamed_fields
 from ndtorch.errors import InputError
-from ndtorch.navigation.controllers.contract import (
-    CRUISE,
-    STOPPED,
-    SUPPRESSED,
-    TURN,
-    Command,
-    Controller,
-    Trace,
+from ndtorch.navigation.controllers._kernels import (
+    AvoidanceState,
+    SaccadeNumbers,
+    avoidance,
+    saccade_step,
+    subfield_maxima,
 )
+from ndtorch.navigation.controllers.contract import CRUISE, STOPPED, SUPPRESSED, TURN, Command, Controller, Trace
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.stereo._kernels import Frames, subfield_maxima
+from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 from ndtorch.navigation.stereo.strips import (
@@ -35,6 +34,7 @@ from ndtorch.navigation.stereo.strips import (
     checked,
     grey_pair,
 )
+from ndtorch.utils.jit import packed
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState, low_pass_step, smoothing_factor, time_dim
 
@@ -86,22 +86,7 @@ class AvoidanceParams:
     start_suppression_s: float = 0.5
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        check_signs(self, positive=("turn_radius_m", "tight_radius_m"))
-
-
-class AvoidanceState(NamedTuple):
-    """State of `SaccadeAvoidance`, every part `[...]`; numbers in `SaccadeController`.
-
-    Attributes:
-        difference: right minus left, low-passed: positive where the car should rather turn left.
-        age: time steps since the last turn began; minus infinity once the car has stopped.
-        curvature: what is being driven, 1/m, to the left positive.
-    """
-
-    difference: Any
-    age: Any
-    curvature: Any
+        check_numbers(self, positive=("turn_radius_m", "tight_radius_m"))
 
 
 class AvoidanceConstants(NamedTuple):
@@ -310,35 +295,8 @@ class PublishedControl(Controller):
         return state.difference
 
 
-class SaccadeNumbers(NamedTuple):
-    """`AvoidanceParams` for one time step: radii are curvatures, times are steps."""
-
-    smoothing: float
-    turn_threshold: float
-    high_threshold: float
-    low_threshold: float
-    normal: float
-    tight: float
-    turn_steps: float
-    watching: float
-    speed: float
-
-
-def avoidance(left: float, right: float, state: AvoidanceState, p: SaccadeNumbers) -> tuple[Command, AvoidanceState]:
-    """`avoidance_step` of one car in plain numbers."""
-    now = right - left
-    difference = state.difference + p.smoothing * (now - state.difference)
-    age, curvature = state.age + 1, state.curvature
-    cruising, high = age >= p.watching, min(left, right) > p.high_threshold
-    stop = cruising and max(left, right) < p.low_threshold
-    if cruising and not stop and (high or abs(difference) > p.turn_threshold):
-        curvature = math.copysign(p.tight, now) if high else math.copysign(p.normal, difference)
-        age = 0.0
-    elif age >= p.turn_steps:
-        curvature = 0.0
-    if stop:
-        age = -math.inf
-    return Command(p.speed if age > -math.inf else 0.0, curvature), AvoidanceState(difference, age, curvature)
+SETTLED = (0.0, 0.0, 0.0)
+"""Stands for the state machine before the first frame."""
 
 
 class SaccadeState(NamedTuple):
@@ -383,9 +341,12 @@ class SaccadeController(Controller):
         super().__init__(rig, dt, params)
         look, rule = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, self.params)
         self.rects, self.size, self.a = look.fields, look.size, look.nd_min.a
-        self.begun = float(rule.watching - 1 - round(self.params.start_suppression_s / dt))
-        self.numbers = SaccadeNumbers(*(float(part) for part in rule.constants[:9]))
-        rect = self.rects[0]
+        begun = float(rule.watching - 1 - round(self.params.start_suppression_s / dt))
+        rect, other = self.rects
+        corners = rect.top, rect.left, other.top, other.left
+        constants = [float(part) for part in rule.constants[:9]]
+        self.numbers = SaccadeNumbers._make((*constants, begun, self.a, *corners))
+        self.packed = packed(self.numbers)
         self.shape = (2, rect.bottom - rect.top, rect.right - rect.left)
 
     @property
@@ -397,11 +358,10 @@ class SaccadeController(Controller):
         self, left: np.ndarray[Any, Any], right: np.ndarray[Any, Any], state: SaccadeState | None = None
     ) -> tuple[Command, SaccadeState]:
         check_kind("state", state, SaccadeState)
-        sides, low = self.see(array_frames(left, right, self.size), state and state.low)
-        left_speed, right_speed = sides.tolist()
-        before = self.begin(left_speed, right_speed) if state is None else state.machine
-        command, machine = avoidance(left_speed, right_speed, before, self.numbers)
-        return command, SaccadeState(low, machine)
+        frames, low = array_frames(left, right, self.size), np.empty(self.shape, np.float32)
+        before, machine = (low, SETTLED) if state is None else (checked(state.low, self.shape), tuple(state.machine))
+        command, machine = saccade_step(*frames[:4], before, machine, state is None, low, self.packed)
+        return Command(*command), SaccadeState(low, AvoidanceState(*machine))
 
     @property
     def trace(self) -> Trace:
@@ -421,7 +381,7 @@ class SaccadeController(Controller):
 
     def begin(self, left: float, right: float) -> AvoidanceState:
         """Settled on the first sample, suppressed."""
-        return AvoidanceState(right - left, self.begun, 0.0)
+        return AvoidanceState(right - left, self.numbers.age, 0.0)
 
     def start(self, seen: Any, pose: Pose) -> AvoidanceState:
         """As `SaccadeAvoidance.start`."""
@@ -432,7 +392,7 @@ class SaccadeController(Controller):
     ) -> tuple[Command, AvoidanceState]:
         """One time step of the state machine."""
         left, right = seen.tolist()
-        return avoidance(left, right, state, self.numbers)
+        return avoidance.function(left, right, state, self.numbers)
 
     def mode(self, state: AvoidanceState) -> int:
         """As `SaccadeAvoidance.mode`."""

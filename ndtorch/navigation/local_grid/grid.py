@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.arguments import check_numbers, check_signs, renamed_fields
+from ndtorch.arguments import check_numbers, renamed_fields
 from ndtorch.errors import InputError
 from ndtorch.navigation.local_grid._kernels import POSES, DrivenPath, LocalGrid, cell_index, tags
 
@@ -38,10 +38,9 @@ class LocalGridParams:
     max_free_evidence: float = 2.0
 
     def __post_init__(self) -> None:
-        check_numbers(self, endless=["lifetime_s"])
+        check_numbers(self, endless=["lifetime_s"], positive=vars(self))
         if not (self.size_cells >= 2 and self.size_cells & (self.size_cells - 1) == 0):
             raise InputError(f"size_cells must be a power of two, got {self.size_cells}")
-        check_signs(self, positive=vars(self))
 
     @property
     def reach(self) -> float:
@@ -53,7 +52,7 @@ def empty_grid(x: float, y: float, params: LocalGridParams, raised: bool = False
     """Nothing is known around a car at x, y, m; what is raised is kept apart, or is not."""
     size = params.size_cells
     above = np.zeros((size, size) if raised else (0, 0), np.float32)
-    return LocalGrid(np.zeros((size, size), np.float32), tags(float(x), float(y), params.cell_m, size), above)
+    return LocalGrid(np.zeros((size, size), np.float32), tags.function(float(x), float(y), params.cell_m, size), above)
 
 
 def empty_path() -> DrivenPath:

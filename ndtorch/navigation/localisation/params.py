@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from ndtorch.arguments import check_numbers, check_signs
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo.search import SearchParams
 
@@ -15,8 +15,7 @@ class Positive:
     """A dataclass of numbers that must be above 0."""
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        check_signs(self, positive=vars(self))
+        check_numbers(self, positive=vars(self))
 
 
 @dataclass(frozen=True)
@@ -92,8 +91,7 @@ class ReplayParams:
     sigma_scale: float = 4.0
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        check_signs(self, positive=("sigma_scale",))
+        check_numbers(self, positive=("sigma_scale",))
         if not all(before < after for before, after in pairwise((0.0, *self.after_m))):
             raise InputError(f"after_m must be distances > 0 that grow, got {self.after_m}")
 
@@ -176,8 +174,7 @@ class LocaliserParams:
     replay: ReplayParams = field(default_factory=ReplayParams)
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        check_signs(self, positive=set(vars(self)) - {"settle_s"})
+        check_numbers(self, positive=set(vars(self)) - {"settle_s"})
         if not (self.min_range_m < self.max_range_m and self.map_cells % 2 == 0):
             raise InputError(f"expected min_range_m < max_range_m and an even number of map_cells, got {self}")
 

@@ -43,11 +43,9 @@ class FeatureTrackParams:
     min_speed_m_per_s: float = 0.2
 
     def __post_init__(self) -> None:
-        check_numbers(self, endless=["max_lost_s"])
-        if not (0 < self.alpha <= 1 and 0 < self.beta <= 1 and self.gate_m > 0 and self.slots > 0):
-            raise InputError(f"expected alpha and beta in 0..1, gate_m > 0 and slots > 0, got {self}")
-        if not (self.max_lost_s >= 0 and self.min_age_s >= 0 and self.min_speed_m_per_s >= 0):
-            raise InputError(f"expected max_lost_s, min_age_s and min_speed_m_per_s >= 0, got {self}")
+        check_numbers(self, endless=["max_lost_s"], positive=("alpha", "beta", "gate_m", "slots"))
+        if not (self.alpha <= 1 and self.beta <= 1):
+            raise InputError(f"expected alpha and beta in 0..1, got {self}")
 
 
 class Tracks(NamedTuple):

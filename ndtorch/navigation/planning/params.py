@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ndtorch.arguments import check_numbers, check_signs
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 
 
@@ -68,9 +68,8 @@ class PlannerParams:
     max_nodes: int = 12000
 
     def __post_init__(self) -> None:
-        check_numbers(self)
         positive = ("min_turn_radius_m", "footprint_radius_m", "step_m", "horizon_m", "costmap_cells", "max_nodes")
-        check_signs(self, positive=positive)
+        check_numbers(self, positive=positive)
         if not self.footprint_centers_m:
             raise InputError("footprint_centers_m must be one place or more")
         if not self.inflation_radius_m > self.min_clearance_m:

@@ -49,25 +49,28 @@ def match_rows(left: Floats, right: Floats, first: int, high: int, half: int) ->
     sums, windows, costs = np.zeros(depth, np.float32), np.zeros((size, depth), np.float32), np.empty(depth, np.float32)
     share = np.float32(1 / size)
     # The right row and what is found of it are reversed, so that the inner loops read neighbours in memory.
-    right, right_best = np.concatenate((right[::-1], np.zeros(high, np.float32))), np.zeros(width + high, np.int32)
+    turned, right_best = np.zeros(width + high, np.float32), np.zeros(width + high, np.int32)
+    for x in range(width):
+        turned[x] = right[width - 1 - x]
     right_cost = np.full(width + high, NO_MATCH)
     # Costs are compared by their bits, which have the same order: only minima of integers become vector instructions.
     bits, right_bits = costs.view(np.int32), right_cost.view(np.int32)
     for c in range(first, width):
         start, slot = width - 1 - c + first, c % size
-        accumulate(left[c], right[start:], min(depth, c - first + 1), windows[slot], sums)
+        accumulate(left[c], turned[start:], min(depth, c - first + 1), windows[slot], sums)
         middle, count = c - half, min(depth, c - first - size + 2)
         if count <= 0:
             continue
         for k in range(count):
             costs[k] = max(sums[k] * share, np.float32(0))  # rounding may leave a little less than 0
         keep_lower(bits, count, right_bits[start + half :], right_best[start + half :])
-        lowest, at = least(bits, 0, count), 0
+        lowest, at = least(bits, count), 0
         while bits[at] != lowest:
             at += 1
         best[middle], cost[middle] = at, costs[at]
-        bits[max(0, at - NEIGHBOURS) : at + NEIGHBOURS + 1] = NO_MATCH_BITS
-        least_elsewhere = least(bits, 0, count)
+        for k in range(max(0, at - NEIGHBOURS), min(at + NEIGHBOURS + 1, depth)):
+            bits[k] = NO_MATCH_BITS
+        least_elsewhere = least(bits, count)
         for k in range(count):
             if bits[k] == least_elsewhere:
                 elsewhere[middle] = costs[k]
@@ -95,9 +98,9 @@ def keep_lower(costs: Bits, count: int, lowest: Bits, at: Bits) -> None:
 
 
 @jit
-def least(values: Bits, start: int, end: int) -> np.int32:
+def least(values: Bits, count: int) -> np.int32:
     found = NO_MATCH_BITS
-    for k in range(start, end):
+    for k in range(count):
         found = min(found, values[k])
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ndtorch.arguments import check_numbers, check_signs
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 
 
@@ -46,9 +46,8 @@ class ProximityParams:
     max_tilt_px: int = 26
 
     def __post_init__(self) -> None:
-        check_numbers(self)
         free = {"max_tilt_px", "min_floor_correlation", "unbroken_correlation"}
-        check_signs(self, positive=set(vars(self)) - free)
+        check_numbers(self, positive=set(vars(self)) - free)
         if not self.min_depth_m < self.max_depth_m:
             raise InputError(f"expected min_depth_m < max_depth_m, got {self.min_depth_m} and {self.max_depth_m}")
         if not (self.min_floor_correlation <= 1 and self.unbroken_correlation <= 1):

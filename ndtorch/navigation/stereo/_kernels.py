@@ -31,7 +31,10 @@ class Frames(NamedTuple):
 
 @jit
 def grey_row(frame: Array, interleaved: bool, y: int, left: int, every: int, scale: float, grey: Array) -> None:
-    """Grey of every so many pixels of row `y` from column `left` on, as many as `grey` `[n]` holds."""
+    """Grey of every so many pixels of row `y` from column `left` on, as many as `grey` `[n]` holds.
+
+    Literal arguments would compile it anew: callers write `np.intp(0)`.
+    """
     unit = np.float32(scale)
     quick = frame.itemsize == 1 and every <= 2
     if quick and not interleaved and frame.shape[0] == 3:
@@ -185,15 +188,3 @@ def cell_maxima(grey: Array, settle: bool, low: Array, gain: float, a: float, ne
                 highest = max(highest, most)
     peak_bits[0] = highest
     return float(peaks[0])
-
-
-@jit
-def subfield_maxima(frames: Frames, settle: bool, low: Array, a: float, new_low: Array, cells: Array) -> float:
-    """`SubfieldMotion` of one frame: the largest |ND-min| of each rectangle into `cells` `[2, 1, 1]`."""
-    grey = np.empty(new_low.shape, new_low.dtype)
-    for y in range(grey.shape[1]):
-        top, left = frames.tops, frames.lefts
-        grey_row(frames.left, frames.interleaved, top[0] + y, left[0], 1, frames.scale, grey[0, y])
-        grey_row(frames.right, frames.interleaved, top[1] + y, left[1], 1, frames.scale, grey[1, y])
-    peak = cell_maxima(grey, settle, low, 1.0, a, new_low, cells)
-    return peak if frames.left.itemsize == 1 or is_finite(grey) else np.nan

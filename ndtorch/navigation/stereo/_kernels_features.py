@@ -78,7 +78,7 @@ def feature_ranges(
     most, bits = low.dtype.type(0), motion.view(np.int32)
     for eye in range(2):
         frame = frames.right if eye else frames.left
-        grey_row(frame, frames.interleaved, frames.tops[0], 0, 1, frames.scale, rows[eye])
+        grey_row(frame, frames.interleaved, frames.tops[0], np.intp(0), np.intp(1), frames.scale, rows[eye])
         high_pass(now, before, eye * width, settle, p.a, after, motion)
         for x in range(width):
             most = max(most, motion[x])
@@ -87,20 +87,21 @@ def feature_ranges(
         strongest(motion, bits, p, column[eye], strength[eye])
         describe(rows[eye], column[eye], strength[eye], p, patch[eye], good[eye])
     match(column, patch, good, p, out[0], valid)
-    triangulate(column[0], geometry[0], out, valid)
+    triangulate(column[0], geometry, out, valid)
     return float(most) if frames.left.itemsize == 1 or is_finite(rows) else np.nan
 
 
 @jit(exact=True)
-def triangulate(column: Array, geometry: RowGeometry, out: Array, valid: Array) -> None:
+def triangulate(column: Array, geometry: Array, out: Array, valid: Array) -> None:
     """Range, left and right angle, x and y into `out` `[5, n]`, whose first line holds the right columns before.
 
     Args:
         column: left columns, `[n]`.
+        geometry: `packed` `RowGeometry`.
         valid: `[n]`; what is not valid, or does not meet ahead, becomes 0.
     """
     kind = out.dtype.type
-    g = geometry
+    g = geometry[0]
     factor, baseline, middle = kind(g.factor), g.baseline, kind(g.axis)
     for i in range(len(column)):
         left, right = (middle - column[i]) * factor, (middle - out[0, i]) * factor

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.navigation.stereo._kernels import Array, Frames, grey_row
-from ndtorch.navigation.stereo._kernels_features import triangulate
 from ndtorch.utils.jit import jit
 
 Floats = npt.NDArray[np.float32]
@@ -51,41 +50,24 @@ class SearchNumbers(NamedTuple):
 
 
 @jit
-def search_ranges(
-    frames: Frames,
-    count: int,
-    numbers: SearchNumbers,
-    geometry: Array,
-    horizon: Array,
-    out: Array,
-    valid: Array,
-) -> float:
-    """The step of `StereoRanging` that searches; returns the largest magnitude of a pixel, or NaN where there is one.
+def grey_rows(frames: Frames, rows: Array, horizon: Array) -> float:
+    """Grey of rows of both frames; returns the largest magnitude of a pixel, or NaN where there is one.
 
     Args:
         frames: `tops[0]` is the first row that is read of both.
-        count: how many rows.
-        geometry: `packed` `RowGeometry`.
-        horizon: becomes the middle rows, `[2, W]`.
-        out: becomes range, left and right angle, x and y, `[5, n]`; `valid`: `[n]`.
+        rows: becomes grey, `[2, R, W]`; horizon: becomes the middle rows, `[2, W]`.
     """
-    width, n = horizon.shape[1], out.shape[1]
-    rows, most = np.empty((2, count, width), np.float32), np.float32(0)
+    most = np.float32(0)
     for eye in range(2):
         frame = frames.right if eye else frames.left
-        for r in range(count):
-            grey_row(frame, frames.interleaved, frames.tops[0] + r, 0, 1, frames.scale, rows[eye, r])
-            for x in range(width):
-                size = abs(rows[eye, r, x])
+        for r in range(rows.shape[1]):
+            row = rows[eye, r]
+            grey_row(frame, frames.interleaved, frames.tops[0] + r, np.intp(0), np.intp(1), frames.scale, row)
+            for x in range(row.shape[0]):
+                size = abs(row[x])
                 most = most if most >= size or most != most else size
-        for x in range(width):
-            horizon[eye, x] = rows[eye, count // 2, x]
-    found = np.empty((3, n), np.float32)
-    find_places(rows[0], rows[1], numbers, found)
-    column = np.empty(n, out.dtype)
-    for i in range(n):
-        column[i], out[0, i], valid[i] = found[0, i], found[1, i], found[0, i] > 0
-    triangulate(column, geometry[0], out, valid)
+        for x in range(horizon.shape[1]):
+            horizon[eye, x] = rows[eye, rows.shape[1] // 2, x]
     return float(most)
 
 
@@ -119,7 +101,7 @@ def find_places(left: Floats, right: Floats, numbers: SearchNumbers, out: Floats
         if n < p.ahead:
             c = most_unlike(unlike, places[:count], p.band_start, p.band_end)
         if c < 0:
-            c = most_unlike(unlike, places[:count], 0, width)
+            c = most_unlike(unlike, places[:count], np.intp(0), width)
         if c >= 0:
             out[0, n], out[1, n], out[2, n] = c, c - (best[c] + shift(around[:, c])), around[1, c]
             for x in range(max(0, c - p.spacing), min(width, c + p.spacing + 1)):
@@ -240,7 +222,7 @@ def compare_rows(
         if 0 < last < n:
             beside[m - 1] = min(beside[m - 1], lines[now, last])
         if k >= numbers.min_disparity and found < np.float32(numbers.max_difference) and busy[m]:
-            second[0] = min(least_of(bits, now, 0, k - NEIGHBOURS), least_of(bits, now, k + NEIGHBOURS + 1, n))
+            second[0] = min(least_of(bits, now, np.intp(0), k - NEIGHBOURS), least_of(bits, now, k + NEIGHBOURS + 1, n))
             over = found / max(elsewhere[0], TINY)
             unlike[m] = 1 - over if over < np.float32(ratio) and elsewhere[0] < NEVER else 0
     for c in range(width):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers, check_signs, renamed_fields
+from ndtorch.arguments import check_numbers, renamed_fields
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo.features import Features, patch_error
 
@@ -35,13 +35,12 @@ class MatchParams:
     max_error: float = math.inf
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_numbers(self, positive=("max_error",))
         if not 0 <= self.min_disparity_px < self.max_disparity_px:
             raise InputError(
                 "expected 0 <= min_disparity_px < max_disparity_px, "
                 f"got {self.min_disparity_px}, {self.max_disparity_px}"
             )
-        check_signs(self, positive=("max_error",))
 
 
 class Matches(NamedTuple):

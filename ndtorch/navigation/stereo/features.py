@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers, check_signs, renamed_fields
+from ndtorch.arguments import check_numbers, renamed_fields
 from ndtorch.errors import InputError
 
 
@@ -45,8 +45,7 @@ class FeatureParams:
     ahead_count: int = 0
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        check_signs(self, positive=("count",))
+        check_numbers(self, positive=("count",))
         if self.ahead_count > self.count:
             raise InputError(f"ahead_count must lie between 0 and count, got {self.ahead_count} of {self.count}")
 

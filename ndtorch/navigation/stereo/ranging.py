@@ -13,7 +13,8 @@ from ndtorch.arguments import check_dense, check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo._kernels_features import FeatureNumbers, RowGeometry, feature_ranges
-from ndtorch.navigation.stereo._kernels_search import search_ranges
+from ndtorch.navigation.stereo._kernels_features import triangulate as triangulate_places
+from ndtorch.navigation.stereo._kernels_search import find_places, grey_rows
 from ndtorch.navigation.stereo.correspondence import Matches, MatchParams, match_features
 from ndtorch.navigation.stereo.features import FeatureParams, Features, find_features
 from ndtorch.navigation.stereo.prediction import PredictedFeatures, PredictionState
@@ -202,8 +203,13 @@ class StereoRanging(nn.Module):
         rect = self.horizon if height == 1 else self.row
         rows, low = at_rects(frames, (rect, rect), (self.rig.height, width)), np.empty((2, width), np.float32)
         if self.searched is not None:
-            out, valid = np.empty((5, self.searched.places), np.float32), np.empty(self.searched.places, np.bool_)
-            peak = search_ranges(rows, rect.bottom - rect.top, self.searched, self.geometry, low, out, valid)
+            count = self.searched.places
+            found, out = np.empty((3, count), np.float32), np.empty((5, count), np.float32)
+            pair = np.empty((2, rect.bottom - rect.top, width), np.float32)
+            peak = grey_rows(rows, pair, low)
+            find_places(*pair, self.searched, found)
+            out[0], valid = found[1], found[0] > 0
+            triangulate_places(found[0], self.geometry, out, valid)
         else:
             out, valid = np.empty((5, self.features.count), np.float32), np.empty(self.features.count, np.bool_)
             before = low if state is None else checked(state.rows, low.shape)

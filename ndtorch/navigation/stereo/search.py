@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers, check_signs, renamed_fields
+from ndtorch.arguments import check_numbers, renamed_fields
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo._kernels_search import SearchNumbers, find_places
 from ndtorch.navigation.stereo.correspondence import Matches
@@ -75,8 +75,7 @@ class SearchParams:
     ahead_count: int = 0
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        check_signs(self, positive=("count", "rows", "half_width_px", "spacing_px", "max_difference_ratio"))
+        check_numbers(self, positive=("count", "rows", "half_width_px", "spacing_px", "max_difference_ratio"))
         if not (self.rows % 2 == 1 and self.ahead_count <= self.count):
             raise InputError(f"rows must be odd, and ahead_count between 0 and count, got {self}")
         if not 1 <= self.min_disparity_px < self.max_disparity_px - 1:

@@ -40,10 +40,7 @@ class CarLimits:
         return cls(body.max_speed_m_per_s, tightest, body.max_acceleration_m_per_s2, steering)
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        for name, value in vars(self).items():
-            if not value >= 0:
-                raise InputError(f"{name} must be 0 or more, got {value}")
+        check_numbers(self, positive=())
 
 
 class Car:

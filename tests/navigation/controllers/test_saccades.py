@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from ndtorch.navigation import SaccadeController, StereoRig
-from ndtorch.navigation.controllers.published import PublishedControl, SaccadeAvoidance, avoidance, avoidance_step
+from ndtorch.navigation.controllers._kernels import avoidance
+from ndtorch.navigation.controllers.published import PublishedControl, SaccadeAvoidance, avoidance_step
 
 RIG = StereoRig(width=320, height=240, focal=215.0, pitch=0.1, forward=0.15)
 DT = 1 / 30
@@ -53,7 +54,7 @@ def test_the_state_machines_agree() -> None:
     wanted, found, modes = rule.start(sides[0]), compiled.begin(*sides[0].tolist()), set()
     for now in sides:
         expected, wanted = avoidance_step(now, wanted, rule.constants)
-        command, found = avoidance(*now.tolist(), found, compiled.numbers)
+        command, found = avoidance.function(*now.tolist(), found, compiled.numbers)
         assert tuple(command) == pytest.approx(tuple(map(float, expected)), abs=1e-6)
         assert tuple(found) == pytest.approx(tuple(map(float, wanted)), abs=1e-5)
         modes.add(int(rule.mode(wanted)))

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding import PublishedModel, alternation, object_table, weight_change
+from ndtorch.binding import ACTIVATIONS, RULES, PublishedModel, alternation, object_table, weight_change
 from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.utils.packages import MODELS
@@ -30,10 +30,10 @@ PARAMETERS: Mapping[str, Parameter] = {
     "noise": Parameter(0.0, 0, 10),
     "seed": Parameter(0, 0, 2**31 - 1),
     "gamma": Parameter(0.5, 0, 1000),
-    "rule": Parameter("competitive", words=("competitive", "cooperative", "hebbian")),
+    "rule": Parameter("competitive", words=tuple(name for name in RULES if name != "scale-free")),
     "order": Parameter("filter-first", words=("filter-first", "printed")),
-    "f": Parameter("cube", words=("cube", "tanh-pi", "tanh-10", "linear")),
-    "g": Parameter("tanh-pi", words=("cube", "tanh-pi", "tanh-10", "linear")),
+    "f": Parameter("cube", words=tuple(ACTIVATIONS)),
+    "g": Parameter("tanh-pi", words=tuple(ACTIVATIONS)),
     "tau_in": Parameter(1.0, 0),
     "tau_out": Parameter(0.5, 0),
     "window": Parameter(2.0, 0.01),

@@ -75,12 +75,9 @@ class GoalParams:
     planner: PlannerParams = field(default_factory=PlannerParams)
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_numbers(self, positive=vars(self))
         if self.goal is not None and not (isinstance(self.goal, tuple | list) and len(self.goal) == 2):
             raise InputError(f"goal must be x and y in metres, got {self.goal!r}")
-        for name, value in vars(self).items():
-            if isinstance(value, float | int) and not isinstance(value, bool) and not value > 0:
-                raise InputError(f"{name} must be a number > 0, got {value}")
 
 
 def with_memory(params: GoalParams, lifetime: float) -> GoalParams:

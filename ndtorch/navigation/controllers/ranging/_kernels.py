@@ -128,9 +128,12 @@ def ranging_step(
 def awake(state: RangingState, numbers: FloorNumbers) -> RangingState:
     """The state before a step: a car that stood because it could not begin tries to begin again."""
     floor = state.floor
-    if state.mode == STOPPED and floor.age <= numbers.standing and floor.level.max() == 0:
-        return with_mode(state, floor, SUPPRESSED)
-    return state
+    if state.mode != STOPPED or floor.age > numbers.standing:
+        return state
+    for level in floor.level:
+        if level != 0:
+            return state
+    return with_mode(state, floor, np.intp(SUPPRESSED))
 
 
 @jit

@@ -28,7 +28,7 @@ from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.spin import spin_of, spun
 from ndtorch.navigation.controllers.ranging.tables import floor_numbers, ranging_tables
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.local_grid._kernels import add_ranges, bound
+from ndtorch.navigation.local_grid._kernels import add_ranges
 from ndtorch.navigation.local_grid.grid import empty_grid, empty_path, mark_obstacles, mark_stop
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.proximity.stereo_match import Obstacles
@@ -148,7 +148,7 @@ class RangingControl(Controller):
         if ranges is not None:
             raised = grid.raised.copy()
             add_ranges(raised, (ranges.x, ranges.y, ranges.valid), tuple(pose), g, float(p.search_evidence), g.miss)
-            bound(raised, -g.least, g.most)
+            np.clip(raised, -g.least, g.most, raised)
             grid = grid._replace(raised=raised)
         if obstacles is not None:
             grid = mark_obstacles(grid, tuple(pose), *obstacles, p.range_evidence, p.grid)

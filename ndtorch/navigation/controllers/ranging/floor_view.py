@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers, check_signs, renamed_fields
+from ndtorch.arguments import check_numbers, renamed_fields
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.ranging._kernels_floor import ViewNumbers
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
@@ -82,9 +82,8 @@ class FloorParams:
     min_agreement_ratio: float = 0.25
 
     def __post_init__(self) -> None:
-        check_numbers(self)
         free = {"inner_rad", "outer_rad", "standing_s", "min_texture_ratio", "min_agreement_ratio"}
-        check_signs(self, positive=set(vars(self)) - free, signed=("inner_rad", "outer_rad"))
+        check_numbers(self, positive=set(vars(self)) - free, signed=("inner_rad", "outer_rad"))
         if not (self.near_m < self.far_m and -math.pi / 2 < self.inner_rad < self.outer_rad < math.pi / 2):
             raise InputError(f"expected near_m < far_m and inner_rad < outer_rad, got {self}")
         if self.bands < 2:

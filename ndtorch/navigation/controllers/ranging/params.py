@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ndtorch.arguments import check_numbers, check_signs, renamed_fields
+from ndtorch.arguments import check_numbers, renamed_fields
 from ndtorch.navigation.body import Body
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams
 from ndtorch.navigation.local_grid.grid import LocalGridParams
@@ -103,5 +103,4 @@ class RangingParams:
     floor: FloorParams = field(default_factory=FloorParams)
 
     def __post_init__(self) -> None:
-        check_numbers(self, endless=["unknown_margin_m"])
-        check_signs(self, positive=vars(self))
+        check_numbers(self, endless=["unknown_margin_m"], positive=vars(self))
