@@ -74,8 +74,9 @@ class Tracker:
     def load(self, state: TrackerState) -> None:
         """Go on from a state."""
         self.tracks, self.count = tracks_from_table(state.tracks), int(state.count)
-        self.labels, self.clutter = np.asarray(state.labels), np.asarray(state.clutter)
-        self.births = np.asarray(state.births.rows)
+        # What no step changes is copied: an array of a tensor keeps it alive, and so all states before.
+        self.clutter, self.births = np.array(state.clutter), np.array(state.births.rows)
+        self.labels = np.asarray(state.labels)
         self.closed = list[Track]()
 
     @staticmethod

@@ -2,7 +2,8 @@
 
 Constructors compare plain arguments with their annotations, functions only truth values and NaN. Methods look at
 nothing while a call goes well. Where a call ends in an error that is no `InputError` and that it does not document, all
-of its arguments are compared; the error stays where they are what they should be.
+of its arguments are compared. Where they are what they should be, the error stays, or becomes an `InputError` with the
+shapes of all tensors, where there are any and memory was not short.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import enum
 import functools
 import inspect
 import math
+import re
 import sys
 import types
 import typing
@@ -21,6 +23,7 @@ from typing import Any, Literal, TypeVar, Union
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ndtorch.arguments import LARGEST, WITHIN
 from ndtorch.errors import InputError
@@ -30,6 +33,9 @@ MOST_WHOLE = 2**63
 
 SEEN = "_explains_arguments"
 """Attribute of a call that is wrapped already."""
+
+OF_ARRAYS = (RuntimeError, IndexError, ValueError, AssertionError)
+"""What PyTorch, NumPy and kernels raise for arrays whose shapes do not fit; no class derived from these."""
 
 CHECKED_BY_THEMSELVES = (tuple, enum.Enum, BaseException)
 
@@ -152,6 +158,11 @@ def complain(
             wanted = f"a number {WITHIN}"
         if wanted:
             raise InputError(f"{name} must be {wanted}, got {shown(value)}") from error
+    arrays = {name: value for name, value in bound.arguments.items() if isinstance(value, Tensor | np.ndarray)}
+    if arrays and type(error) in OF_ARRAYS and not re.search("alloc|memory", str(error)):
+        got = ", ".join(f"{name} {list(value.shape)} {value.dtype}" for name, value in arrays.items())
+        words = str(error).partition("\n")[0] or "they do not fit"
+        raise InputError(f"{call.__name__} cannot take {got}: {words}") from error
 
 
 @functools.cache

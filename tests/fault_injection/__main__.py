@@ -21,6 +21,7 @@ from ndtorch.utils.signals import parts_kept
 from ndtorch.utils.toml import read_toml
 from ndtorch_robot.run_config import RunConfig
 from ndtorch_robot.sim.firmware_host import FirmwareHost
+from tests.fault_injection.faults import FAULTS
 from tests.fault_injection.scenario import drive_scenario, resident_megabytes
 from tests.fault_injection.table import failures, report, summary
 
@@ -48,6 +49,8 @@ class FaultInjection:
     """Simulated time of one scenario, s; each drives in another building."""
     first_scenario: int = 0
     """Index of the first scenario. It seeds building, faults and times: use unused indices for held-out runs."""
+    only: tuple[str, ...] = ()
+    """Names of the faults that are injected, such as `swapped`; all by default."""
     out: Path = Path("out/fault-injection")
     """Folder for the scenarios and the table; another car or other code writes into DIR-2, and so on."""
     force: bool = False
@@ -66,11 +69,14 @@ class FaultInjection:
             )
         if not 0 <= self.first_scenario < 1_000_000:
             raise InputError(f"--first-scenario must be 0 to 999999, got {self.first_scenario}")
+        faults = tuple(fault for fault in FAULTS if not self.only or fault.name in self.only)
+        if unknown := set(self.only) - {fault.name for fault in faults}:
+            raise InputError(f"--only: no fault is called {sorted(unknown)[0]!r}")
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         torch.set_num_threads(1)
         code = code_digest(("ndtorch", "ndtorch_robot"), ("torch", "mujoco", "numpy"))
         key = {"code": code, "config": config.model_dump_json(), "board": FirmwareHost.code()}
-        key |= {"seconds": f"{self.scenario_seconds:g}"}
+        key |= {"seconds": f"{self.scenario_seconds:g}", "faults": ", ".join(fault.name for fault in faults)}
         place = place_for(self.out, {"command": "fault injection"} | key, force=self.force)
         count = max(1, round(60 * self.minutes / self.scenario_seconds))
         numbers = range(self.first_scenario, self.first_scenario + count)
@@ -81,7 +87,7 @@ class FaultInjection:
         with parts_kept(place.folder, "scenarios", len(files), lambda: sum(file in known for file in files)):
             for number, file in zip(numbers, files, strict=True):
                 if file not in known:
-                    found = drive_scenario(config, number, self.scenario_seconds)
+                    found = drive_scenario(config, number, self.scenario_seconds, faults)
                     gc.collect()
                     found |= {"process": process, "megabytes": round(resident_megabytes(), 1), "key": key}
                     write_text(file, json.dumps(found) + "\n")

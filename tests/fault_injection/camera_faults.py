@@ -11,8 +11,9 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Strips
+from ndtorch.navigation import Rect, Strips
 from ndtorch_robot.ports import StereoFrames
+from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.stepped_world import SteppedWorld
 
 Levels = npt.NDArray[np.float64]
@@ -73,10 +74,24 @@ class FaultyCameras:
             self.world.wait_until(self.world.now() + PERIOD)
         if self.recent and self.world.now() <= self.recent[-1].time:  # there is no new frame yet
             self.world.wait_until(self.recent[-1].time + PERIOD)
+        cameras = self.world.simulation.cameras
+        strips, cameras.strips = cameras.strips, self.seen_by(cameras)
         frames = self.world.read()
+        cameras.strips = strips
         frames = frames._replace(left=self.with_noise(frames.left), right=self.with_noise(frames.right))
         self.recent.append(frames)
         return frames if self.fault is None else self.corrupted(frames, self.fault)
+
+    def seen_by(self, cameras: Cameras) -> tuple[tuple[Rect, Rect], ...]:
+        """The rectangles that are cut from the images of both cameras, in pixels of each camera."""
+        strips, rig = list(cameras.strips), cameras.rig
+        if self.fault == "swapped":
+            strips.reverse()
+        if self.fault == "one upside down":
+            (top, bottom, left, right), row = strips[self.sides[0]]
+            field = Rect(rig.height - bottom, rig.height - top, rig.width - right, rig.width - left)
+            strips[self.sides[0]] = field, row._replace(top=rig.height - row.bottom, bottom=rig.height - row.top)
+        return tuple(strips)
 
     def corrupted(self, frames: StereoFrames, fault: str) -> StereoFrames:
         held = self.held or frames

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,7 @@ class FaultInjector:
         world: in which it drives.
         seed: of the order and the times of the faults.
         scratch: file of recordings.
+        faults: that are injected.
 
     Attributes:
         rows: one for each fault, with its `reaction_s`, its `recovered_s` and its `failure`, in words, or None.
@@ -59,8 +61,16 @@ class FaultInjector:
         lines: messages of the recorders.
     """
 
-    def __init__(self, car: Car, world: SteppedWorld, cameras: FaultyCameras, seed: int, scratch: Path) -> None:
-        self.car, self.world, self.scratch = car, world, scratch
+    def __init__(
+        self,
+        car: Car,
+        world: SteppedWorld,
+        cameras: FaultyCameras,
+        seed: int,
+        scratch: Path,
+        faults: Sequence[Fault] = FAULTS,
+    ) -> None:
+        self.car, self.world, self.scratch, self.faults = car, world, scratch, faults
         self.cameras, self.link = cameras, FaultyLink(world, seed)
         self.random = np.random.default_rng((seed, 9))
         self.rows: list[Row] = []
@@ -141,7 +151,7 @@ class FaultInjector:
     def begin(self, now: float) -> None:
         """Inject the next fault."""
         if not self.queue:
-            self.queue = [FAULTS[n] for n in self.random.permutation(len(FAULTS))]
+            self.queue = [self.faults[n] for n in self.random.permutation(len(self.faults))]
         self.fault = fault = self.queue.pop()
         self.began = now
         self.ends = now + (1.0 if fault.max_reaction_s is None else fault.max_reaction_s) + EXTRA_S

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.arenas import arenas
 from ndtorch_robot.sim.respawn import AutoResume, Respawn
 from tests.fault_injection.camera_faults import FaultyCameras
+from tests.fault_injection.faults import FAULTS, Fault
 from tests.fault_injection.injector import FaultInjector
 
 FIRST_SEED = 50_000
@@ -24,13 +26,14 @@ FIRST_SEED = 50_000
 Scenario = dict[str, Any]
 
 
-def drive_scenario(config: RunConfig, number: int, seconds: float) -> Scenario:
+def drive_scenario(config: RunConfig, number: int, seconds: float, faults: Sequence[Fault] = FAULTS) -> Scenario:
     """Drive one scenario; returns its figures and one row a fault.
 
     Args:
         config: of a car; its link and its world are replaced.
         number: of the scenario.
         seconds: of simulated time.
+        faults: that are injected.
     """
     names = list(arenas(test=False))
     arena = names[number % len(names)]
@@ -42,7 +45,7 @@ def drive_scenario(config: RunConfig, number: int, seconds: float) -> Scenario:
         assert isinstance(car.drive, HostedDrive)
         cameras = FaultyCameras(car.drive.world, number)
         car.cameras = cameras
-        injector = FaultInjector(car, car.drive.world, cameras, number, Path(scratch) / "recording.mcap")
+        injector = FaultInjector(car, car.drive.world, cameras, number, Path(scratch) / "recording.mcap", faults)
         simulation = car.drive.world.simulation
         respawn = Respawn(simulation, car.runner)
         car.observers += [respawn, injector, resume_elsewhere(injector, respawn)]

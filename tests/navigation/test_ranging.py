@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.autograd import gradcheck
 
+from ndtorch.errors import InputError
 from ndtorch.navigation import Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import beam, beam_table, certainty, sample_certainty
 from ndtorch.navigation.stereo.correspondence import Matches
@@ -113,3 +114,10 @@ def test_gradients():
         return sample_certainty(ranges._replace(left_angle=angle), rig, table)
 
     assert gradcheck(weights, (ranges.left_angle.clone().requires_grad_(),))
+
+
+@pytest.mark.parametrize("name", ["farthest", "spacing", "sigmas"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan])
+def test_a_table_of_beams_needs_positive_finite_numbers(name, value):
+    with pytest.raises(InputError, match="positive"):
+        beam_table(StereoRig(), **{"farthest": 2.2, "spacing": 0.01, "sigmas": 3.0, name: value})

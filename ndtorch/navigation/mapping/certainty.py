@@ -72,7 +72,7 @@ def beam_table(rig: StereoRig, farthest: float, spacing: float, sigmas: float = 
     the places are laid along and across it: `spacing` metres apart along, at the range `farthest` and less
     nearer by, and half a standard deviation across, which is one or two millimetres.
     """
-    if not (0 < spacing < math.inf and 0 < farthest < math.inf and sigmas > 0):
+    if not all(0 < number < math.inf for number in (farthest, spacing, sigmas)):
         raise InputError(f"expected positive numbers, got farthest={farthest}, spacing={spacing}, sigmas={sigmas}")
     sigma = math.tan(rig.pixel_angle)
     # Off the axes by s sigma / sqrt(2) each, the rays meet farthest^2 sqrt(2) sigma s / baseline nearer by.

@@ -248,6 +248,8 @@ class CameraMonitor:
             same_floor=same_floor,
             near_wall=floor is not None and floor.near_wall,
         )
+        if wrong is None and floor is not None and floor.swapped:
+            wrong = "the cameras are swapped: both show one floor with their images exchanged"
         if wrong is None and floor is not None and floor.lost:
             wrong = "both cameras do not see one floor any more: one is upside down or turned, or they are swapped"
         if wrong is not None:

@@ -46,6 +46,9 @@ BEFORE = 6
 VIEWS = 20
 """Views in a row without one floor after which it is lost: 0.8 m, or one radian of turns, or more."""
 
+EXCHANGED_VIEWS = 4
+"""Views in a row whose floor matches with the images exchanged, and not as they are, after which they are swapped."""
+
 WALL_MARGIN = 0.2
 """By how much a wall must match worse with the cameras swapped, or with one rotated, to show that they are not."""
 
@@ -64,6 +67,7 @@ class StereoConsistency:
             matches worse with the cameras swapped; a smooth floor does not.
         seen: comparisons with one floor.
         without: views without one floor since then.
+        exchanged: views since then that show one floor with the images exchanged.
     """
 
     def __init__(self, rig: StereoRig, rects: tuple[Rect, Rect]) -> None:
@@ -80,8 +84,9 @@ class StereoConsistency:
         self.tilted = replace(self.params, max_tilt_px=MAX_TILT)
         self.offset = rects[0].left - rects[1].left
         self.size = (rects[0].bottom - rects[0].top, rects[0].right - rects[0].left)
-        self.count = self.seen = self.without = 0
+        self.count = self.seen = self.without = self.exchanged = 0
         self.position: Position | None = None
+        self.exchanged_at: Position | None = None
         self.near_wall = False
 
     def warm_up(self) -> None:
@@ -89,7 +94,7 @@ class StereoConsistency:
         floor_correlation(blank, blank, self.rects, self.rig, self.params)
 
     def reset(self) -> None:
-        self.without = 0
+        self.without = self.exchanged = 0
 
     def compare(self, left: Strips, right: Strips, position: Position) -> bool:
         """Compare one of `EVERY` pairs of images; True when both certainly see one floor."""
@@ -109,8 +114,10 @@ class StereoConsistency:
             rotated = self.correlation(pair[0], pair[1][::-1, ::-1], self.params if sure else self.tilted)
             if rotated > correlation - UPSIDE_DOWN_MARGIN:
                 return False  # a smooth wall looks the same upside down
-            self.seen, self.without = self.seen + 1, 0
+            self.seen, self.without, self.exchanged = self.seen + 1, 0, 0
             return sure
+        if is_new_view(position, self.exchanged_at) and self.shows_exchanged_floor(*pair, correlation, clear):
+            self.exchanged_at, self.exchanged = position, self.exchanged + 1
         if clear >= CLEAR:
             wall, near = wall_correlation(*pair, self.offset)
             swapped = wall_correlation(*pair[::-1], -self.offset)[0] if wall >= SEEN else 1.0
@@ -127,8 +134,19 @@ class StereoConsistency:
                 self.seen = self.seen if self.seen >= BEFORE else 0
         return False
 
+    def shows_exchanged_floor(self, ours: Floats, theirs: Floats, correlation: float, clear: float) -> bool:
+        """Whether both images show one floor as those of the other camera, and not as they are."""
+        if clear < MIN_CLARITY or correlation >= LOST * clear:
+            return False
+        found = floor_correlation(theirs, ours, self.rects[::-1], self.rig, self.tilted)
+        return found >= max(SEEN * clear, correlation + UPSIDE_DOWN_MARGIN)
+
     def correlation(self, ours: Floats, theirs: Floats, params: ProximityParams) -> float:
         return floor_correlation(ours, np.ascontiguousarray(theirs), self.rects, self.rig, params)
+
+    @property
+    def swapped(self) -> bool:
+        return self.exchanged >= EXCHANGED_VIEWS
 
     @property
     def lost(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -21,7 +22,17 @@ from ndtorch.errors import InputError
 from ndtorch.utils.files import open_regular
 from ndtorch_robot import ros_messages as ros
 from ndtorch_robot.ports import Step, StereoFrames
-from ndtorch_robot.recording.streams import END, HEADER, STEP, VERSION, crc_of, frames_of, image_topic, step_of
+from ndtorch_robot.recording.streams import (
+    END,
+    HEADER,
+    STEP,
+    VERSION,
+    crc_of,
+    frames_of,
+    image_topic,
+    part_path,
+    step_of,
+)
 
 RECORDING_BYTES = 2**42
 """Most bytes of a recording."""
@@ -44,6 +55,7 @@ class Recording:
         trouble: why reading ended before that, or nothing; known after reading.
         missing: steps that are not there, from gaps in their numbers; known after reading.
         damaged: chunks and steps that are not as they were written; known after reading.
+        continued: whether the part that was read last says that another one follows.
     """
 
     path: Path
@@ -53,27 +65,35 @@ class Recording:
     missing: int = 0
     damaged: int = 0
     topics: dict[int, str] = field(default_factory=dict)
+    continued: bool = False
 
     def steps(self) -> Iterator[Step]:
-        """All steps but those that are damaged or not wholly there.
+        """All steps of all parts but those that are damaged or not wholly there.
 
         They are as `Recorder` was given them, without the state of the navigator, and numbered from 0; of whole frames
         there are the strips that were read, and `frames` is None where they were not kept.
         """
-        self.complete, self.trouble, self.missing, self.damaged = False, "", 0, 0
-        self.topics.clear()
+        self.trouble, self.missing, self.damaged = "", 0, 0
         expected = 0
-        try:
-            with open_regular(self.path, RECORDING_BYTES) as file:
-                for opcode, content in records(file):
-                    if opcode == Opcode.METADATA:
-                        expected = self.end(content, expected)
-                    for step in self.chunk(content) if opcode == Opcode.CHUNK else ():
-                        self.missing += max(0, step.number - expected)
-                        expected = step.number + 1
-                        yield step
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be read ({error.strerror})") from None
+        for number in itertools.count(1):
+            self.complete = self.continued = False
+            self.topics.clear()
+            path = part_path(self.path, number)
+            try:
+                with open_regular(path, RECORDING_BYTES) as file:
+                    for opcode, content in records(file):
+                        if opcode == Opcode.METADATA:
+                            expected = self.end(content, expected)
+                        for step in self.chunk(content) if opcode == Opcode.CHUNK else ():
+                            self.missing += max(0, step.number - expected)
+                            expected = step.number + 1
+                            yield step
+            except OSError as error:
+                if number == 1:
+                    raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+                self.trouble = self.trouble or f"{path}: cannot be read ({error.strerror})"
+            if not self.continued:
+                break
         if not self.complete:
             self.trouble = self.trouble or "its end was not written"
 
@@ -83,7 +103,8 @@ class Recording:
             told = Metadata.read(ReadDataStream(BytesIO(content)))
             if told.name == END:
                 given = int(told.metadata["given"])
-                self.complete, self.missing = True, self.missing + max(0, given - expected)
+                self.continued = "continued" in told.metadata
+                self.complete, self.missing = not self.continued, self.missing + max(0, given - expected)
                 return given
         except Exception:  # whatever a damaged record does to the package that reads it
             self.note("a record is damaged")

@@ -1,4 +1,4 @@
-"""Writing down a drive while it goes on: a queue, a thread, and one MCAP file of ROS 2 messages that only grows."""
+"""Writing down a drive while it goes on: a queue, a thread, and MCAP files of ROS 2 messages, one an hour."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import threading
 from collections import deque
 from pathlib import Path
 from time import monotonic
-from typing import Any, Literal, NamedTuple
+from typing import IO, Any, Literal, NamedTuple
 
 from mcap.writer import Writer
 from torch import Tensor
@@ -34,10 +34,14 @@ from ndtorch_robot.recording.streams import (
     images_of,
     jpeg,
     line_of,
+    part_path,
 )
 
 FLUSH = 0.3
 """Seconds of a chunk, which is written at its end and then forced onto the disk: a cut file loses no more."""
+
+PART = 3600.0
+"""Seconds of a file: its index stays in memory until it is written, 1.2 KB a chunk."""
 
 RESERVE = 100_000_000
 """Bytes to leave free on the disk, since a full one makes a computer fall over."""
@@ -90,6 +94,7 @@ class Waiting(NamedTuple):
 
 class Recorder(Closing):
     """An observer that records every step into a new file, in its own thread; docs/file-formats.md has the topics.
+    After every hour it goes on in another file, NAME-2.mcap and so on.
 
     Of whole frames the strips that the navigator reads are kept, lossless, and now and then a picture to look at. It
     never waits, and never raises for the disk: when the queue is full the step is kept without its frames, and when
@@ -105,6 +110,7 @@ class Recorder(Closing):
         reserve: bytes to leave free on the disk.
 
     Attributes:
+        parts: the files, in their order.
         steps, without_frames, dropped: steps written, those among them without frames, and those lost.
         failed: why recording has ended, or nothing.
 
@@ -139,31 +145,46 @@ class Recorder(Closing):
         self.began, self.flushed, self.now = math.nan, monotonic(), 0.0
         self.taken, self.kept = 0, (0, 0)
         self.last: Step | None = None
-        self.places: list[tuple[float, float]] = []
+        self.places: dict[tuple[int, int], tuple[float, float]] = {}
         self.forcing: threading.Thread | None = None
         self.disk_error: Exception | None = None
+        self.parts: list[Path] = []
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self.file = path.open("xb")
+            if part_path(path, 2).exists():
+                raise FileExistsError
+            ros.load_types(*TYPES)
+            self.open_part()
         except FileExistsError:
             raise InputError(f"{path} exists already: choose another name") from None
         except OSError as error:
             raise InputError(f"{path}: cannot record into this file ({error.strerror})") from None
-        ros.load_types(*TYPES)
+        self.thread = threading.Thread(target=self.run, name="recorder", daemon=True)
+        self.thread.start()
+
+    def open_part(self) -> None:
+        """Begin the first file, or the next one."""
+        path = part_path(self.path, len(self.parts) + 1)
+        self.file, self.channels, self.part_began = path.open("xb"), dict[str, int](), math.nan
         self.writer: Any = Writer(self.file, chunk_size=CHUNK)
-        self.channels: dict[str, int] = {}
-        configuration = json.dumps({} if runner is None else runner.configuration())
+        self.parts.append(path)
+        configuration = json.dumps({} if self.runner is None else self.runner.configuration())
         try:
             self.writer.start(profile="ros2", library="ndtorch")
             header = {"version": str(VERSION), "configuration": configuration, "crc": crc_of(configuration)}
             self.writer.add_metadata(HEADER, header)
             self.file.flush()
-        except OSError as error:
+        except OSError:
             with contextlib.suppress(OSError):
                 self.file.close()
-            raise InputError(f"{path}: cannot record into this file ({error.strerror})") from None
-        self.thread = threading.Thread(target=self.run, name="recorder", daemon=True)
-        self.thread.start()
+            raise
+
+    def end_part(self, given: int, **more: str) -> None:
+        """Write the record that says that nothing is missing before step `given`, and the index."""
+        counts = {"given": given, "steps": self.steps, "without_frames": self.without_frames}
+        self.writer.add_metadata(END, {name: str(count) for name, count in counts.items()} | more)
+        self.writer.finish()
+        self.file.flush()
 
     def __call__(self, step: Step) -> None:
         self.record(step)
@@ -244,6 +265,10 @@ class Recorder(Closing):
                 due = monotonic() - self.flushed >= FLUSH or abs(self.now - self.began) >= FLUSH
                 if due and self.steps > self.kept[0]:
                     self.flush()
+                    if self.now - self.part_began >= PART and step is not None:
+                        self.end_part(step.step.number + 1, continued="1")
+                        self.sync(ends=True)
+                        self.open_part()
             except Exception as error:  # whatever it is, driving goes on
                 self.fail(error)
                 return
@@ -256,6 +281,7 @@ class Recorder(Closing):
         step, images, taken = waiting.step, waiting.images or {}, waiting.line["taken"]
         self.now = step.time
         self.began = self.now if math.isnan(self.began) else self.began
+        self.part_began = self.now if math.isnan(self.part_began) else self.part_began
         for name, image in images.items():
             frame, picture = f"camera_{name.split('/')[0]}", name.endswith("compressed")
             message = ros.compressed_image(jpeg(image), "jpeg", frame, taken) if picture else None
@@ -283,10 +309,9 @@ class Recorder(Closing):
         self.add("/tf", ros.transforms(believed.pose, believed.place, time), step)
         if believed.map is not None and runner is not None and runner.grid is not None:
             cells = GridMap.normalise(runner.grid.inner(believed.map.cells))
-            self.add("/map", ros.occupancy_grid(cells, runner.grid, time, self.places), step)
+            self.add("/map", ros.occupancy_grid(cells, runner.grid, time, list(self.places.values())), step)
         at = float(believed.place.x), float(believed.place.y)
-        if not self.places or math.dist(at, self.places[-1]) >= APART:
-            self.places.append(at)
+        self.places[round(at[0] / APART), round(at[1] / APART)] = at
         self.last = step
 
     def add(self, topic: str, message: Any, step: Step) -> None:
@@ -309,16 +334,25 @@ class Recorder(Closing):
         self.writer.flush()
         self.kept = self.steps, self.without_frames
         if self.forcing is None or not self.forcing.is_alive():
-            self.forcing = threading.Thread(target=self.force, name="recorder-sync", daemon=True)
-            self.forcing.start()
+            self.sync()
         room = os.statvfs(self.path.parent)
         if room.f_bavail * room.f_frsize < self.reserve:
             raise OSError(f"the disk is full: less than {self.reserve / 1e6:.0f} MB are left")
 
-    def force(self) -> None:
+    def sync(self, ends: bool = False) -> None:
+        """Force the file onto the disk in a thread, and close it where it ends."""
+        options = {"file": self.file, "ends": ends, "before": self.forcing}
+        self.forcing = threading.Thread(target=self.force, kwargs=options, name="recorder-sync", daemon=True)
+        self.forcing.start()
+
+    def force(self, file: IO[bytes], ends: bool, before: threading.Thread | None) -> None:
         """Wait until the disk has it all; what goes wrong ends the recording at the next chunk."""
+        if before is not None:
+            before.join()
         try:
-            os.fsync(self.file.fileno())
+            os.fsync(file.fileno())
+            if ends:
+                file.close()
         except (OSError, ValueError) as error:  # ValueError: closed by the end of the recording meanwhile
             self.disk_error = error
 
@@ -349,13 +383,10 @@ class Recorder(Closing):
         try:
             if self.last is not None and self.runner is not None and self.runner.grid is not None:
                 cells = self.runner.map_cells()
-                final = ros.occupancy_grid(cells, self.runner.grid, self.last.time, self.places)
+                final = ros.occupancy_grid(cells, self.runner.grid, self.last.time, list(self.places.values()))
                 self.add("/map", final, self.last)
             self.flush()
-            counts = {"given": self.number, "steps": self.steps, "without_frames": self.without_frames}
-            self.writer.add_metadata(END, {name: str(count) for name, count in counts.items()})
-            self.writer.finish()
-            self.file.flush()
+            self.end_part(self.number)
             if self.forcing is not None:
                 self.forcing.join()
             os.fsync(self.file.fileno())
@@ -369,6 +400,6 @@ class Recorder(Closing):
             "steps": self.steps,
             "without_frames": self.without_frames,
             "dropped": self.dropped,
-            "megabytes": round(self.path.stat().st_size / 1e6, 3) if self.path.exists() else 0.0,
+            "megabytes": round(sum(part.stat().st_size for part in self.parts if part.exists()) / 1e6, 3),
             "failed": self.failed,
         }

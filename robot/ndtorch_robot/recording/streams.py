@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any, cast
 from zlib import crc32
 
@@ -22,6 +23,11 @@ HEADER, END = "ndtorch", "ndtorch end"
 
 STEP = "/ndtorch/step"
 """Topic of what replay needs beside the images."""
+
+
+def part_path(path: Path, number: int) -> Path:
+    """Of a part of a recording, counted from 1: `NAME.mcap`, `NAME-2.mcap` and so on."""
+    return path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
 def image_topic(name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -198,6 +199,17 @@ def test_lost_objects_are_taken_and_the_state_does_not_grow(monkeypatch: pytest.
         assert {(one.color, one.direction) for one in parts} == {(thing.color, thing.direction)}
     with pytest.raises(InputError, match="batch"):
         module.take_closed((state, state))
+
+
+def test_a_state_keeps_none_of_those_before_it_alive() -> None:
+    """Two arrays of a still film do not change: a tensor of each that holds that of the state before would be a
+    chain, as long as the film."""
+    model, frames, state, alive = ndtorch.load("foreground", size=48), torch.full((1, 3, 48, 48), 0.5), None, []
+    for _ in range(8):
+        _, state = model(frames, state)
+        gc.collect()
+        alive.append(sum(type(thing) is Tensor for thing in gc.get_objects()))
+    assert alive[-1] == alive[3]
 
 
 def test_a_path_that_is_closed_in_parts_is_the_path(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,14 @@ from ndtorch.navigation.proximity.floor_consistency import floor_correlation
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.camera_monitor.image_quality import one_color
 from ndtorch_robot.camera_monitor.mounting_check import EVERY
-from ndtorch_robot.camera_monitor.stereo_consistency import BEFORE, VIEWS, StereoConsistency, clarity, wall_correlation
+from ndtorch_robot.camera_monitor.stereo_consistency import (
+    BEFORE,
+    EXCHANGED_VIEWS,
+    VIEWS,
+    StereoConsistency,
+    clarity,
+    wall_correlation,
+)
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.faults import FaultKind
@@ -35,10 +42,10 @@ def carpet():
     return 128 + 60 * cv2.GaussianBlur(spots, (0, 0), 0.8)
 
 
-def floor(at):
-    """What both cameras see of it from `at` m on, levels `[h, w]`."""
+def floor(at, sides=(0.5, -0.5)):
+    """What both cameras see of it from `at` m on, levels `[h, w]`; `sides` are where they are, in baselines."""
     pictures = []
-    for side, rect in zip((0.5, -0.5), RECTS, strict=True):
+    for side, rect in zip(sides, RECTS, strict=True):
         rows, columns = np.mgrid[rect.top : rect.bottom, rect.left : rect.right].astype(np.float32)
         ahead = RIG.focal * RIG.camera_height / (rows - (RIG.height - 1) / 2)
         aside = side * RIG.baseline + ahead * ((RIG.width - 1) / 2 - columns) / RIG.focal
@@ -63,16 +70,11 @@ def upside_down(left, right):
     return left, right[::-1, ::-1]
 
 
-def swapped(left, right):
-    """The wrong cables."""
-    return right, left
-
-
-def look(judge, count, change=lambda left, right: (left, right), begin=0, moving=True, light=1.0):
+def look(judge, count, change=lambda left, right: (left, right), begin=0, moving=True, light=1.0, source=floor):
     """So many looks that are looked into; the last answer."""
     sure = False
     for n in range(begin, begin + count):
-        left, right = change(*floor(WAY * n))
+        left, right = change(*source(WAY * n))
         pair = strips(light * left, light * right, seed=n)
         view = (WAY * n if moving else 0.0, 0.0)
         answers = [judge.compare(*pair, view) for _ in range(EVERY)]
@@ -91,13 +93,29 @@ def test_good_cameras_see_one_floor():
     assert (mine.seen, mine.without, mine.lost) == (2 * VIEWS, 0, False)
 
 
-@pytest.mark.parametrize("change", [upside_down, swapped])
-def test_a_floor_that_was_seen_is_lost_after_so_many_views(change):
-    mine = judge()
+def test_cameras_are_swapped_when_so_many_views_show_one_floor_with_their_images_exchanged():
+    """With and without a floor seen before; a car that stands has one view."""
+    for first in (0, BEFORE):
+        mine = judge()
+        look(mine, first)
+        exchanged = {"source": functools.partial(floor, sides=(-0.5, 0.5)), "begin": 20}
+        look(mine, EXCHANGED_VIEWS, moving=False, **exchanged)
+        assert mine.exchanged == 1
+        look(mine, EXCHANGED_VIEWS - 2, **exchanged)
+        assert not mine.swapped
+        look(mine, 1, **exchanged | {"begin": 40})
+        assert mine.swapped
+        mine.reset()
+        assert not mine.swapped
+
+
+def test_a_floor_that_was_seen_is_lost_after_so_many_views():
+    mine, change = judge(), upside_down
     look(mine, BEFORE)
     assert not look(mine, VIEWS - 1, change, begin=BEFORE)
     assert not mine.lost
     look(mine, 1, change, begin=BEFORE + VIEWS)
+    assert not mine.swapped
     assert mine.lost
     mine.reset()
     assert not mine.lost

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from mcap.reader import make_reader
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips, cut_strips
@@ -102,6 +103,30 @@ def test_late_frames_are_left_out_of_a_queue_with_room(tmp_path, monkeypatch, he
     recorder.close()
     found = [taken.frames is not None for taken in open_recording(tmp_path / "r.mcap").steps()]
     assert found == [True, False, True, True, False]
+
+
+def test_a_long_recording_is_in_parts_that_are_read_as_one(tmp_path, monkeypatch):
+    """The index of a part leaves the memory with it."""
+    monkeypatch.setattr(recorder_module, "PART", 1.0)
+    monkeypatch.setattr(recorder_module, "FLUSH", 0.1)
+    recorder = write(tmp_path / "r.mcap", count=75, when_full="wait")
+    assert (recorder.steps, recorder.dropped, recorder.failed) == (75, 0, "")
+    assert [part.name for part in recorder.parts] == ["r.mcap", "r-2.mcap", "r-3.mcap"]
+    recording = open_recording(tmp_path / "r.mcap")
+    assert [found.number for found in recording.steps()] == list(range(75))
+    assert (recording.complete, recording.trouble, recording.missing) == (True, "", 0)
+    for part in recorder.parts:
+        with part.open("rb") as file:
+            summary = make_reader(file).get_summary()
+        assert 0 < len(summary.chunk_indexes) < 15
+    second = (tmp_path / "r-2.mcap").rename(tmp_path / "kept.mcap")
+    assert len(list(recording.steps())) < 40
+    assert not recording.complete
+    assert "r-2.mcap: cannot be read" in recording.trouble
+    second.rename(tmp_path / "r-2.mcap")
+    (tmp_path / "r.mcap").unlink()
+    with pytest.raises(InputError, match="exists already"):
+        Recorder(tmp_path / "r.mcap")
 
 
 def test_a_simulation_waits(tmp_path, monkeypatch):
