@@ -77,10 +77,10 @@ def test_samples_that_are_kept_must_be_of_the_size_of_those_that_come(name: str,
         part.run(given, spoiled(state, lambda x: change(x) if x.ndim else x))
 
 
-@pytest.mark.parametrize("name", sorted(set(WITH_STATE) - {"GridMap", "Navigator", "Controller"}))
+@pytest.mark.parametrize("name", sorted(set(WITH_STATE) - {"GridMap", "Controller"}))
 @torch.no_grad()
 def test_a_state_that_holds_nan_is_refused(name: str) -> None:
-    """Maps and whole navigators do not look for it at every step: files of maps are looked at when they are read."""
+    """Maps and controllers do not look for it at every step: files of maps are looked at when they are read."""
     part = PARTS[name]
     given = streams(part)
     _, state = part.run(given)
@@ -113,6 +113,17 @@ def test_a_state_must_be_of_as_many_trials_and_hold_numbers_with_a_fraction(name
     _, state = part.run(given)
     with pytest.raises(InputError, match=r"state\.[\w.]+ "):
         part.run(given, spoiled(state, CHANGED[change]))
+
+
+@pytest.mark.parametrize("name", ["pose", "command"])
+@torch.no_grad()
+def test_a_navigator_goes_on_from_finite_poses_and_commands(name: str) -> None:
+    part = PARTS["Navigator"]
+    given = streams(part)
+    _, state = part.run(given)
+    bad = spoiled(getattr(state, name), lambda x: torch.full_like(x, math.nan))
+    with pytest.raises(InputError, match=rf"state\.{name}\.\w+ must be finite"):
+        part.run(given, state._replace(**{name: bad}))
 
 
 def test_what_a_navigator_is_told_must_be_of_its_kind() -> None:

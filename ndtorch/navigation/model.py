@@ -25,7 +25,16 @@ from ndtorch.navigation.mapping.map_rendering import log_ranges
 from ndtorch.navigation.mapping.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.proximity.check import ProximityCheck, ProximitySchedule
-from ndtorch.navigation.state import NavigatorState, all_cars, check_cars, check_like, check_motion, one_car, place_of
+from ndtorch.navigation.state import (
+    NavigatorState,
+    all_cars,
+    check_cars,
+    check_known,
+    check_like,
+    check_motion,
+    one_car,
+    place_of,
+)
 from ndtorch.navigation.stereo.correspondence import MatchParams
 from ndtorch.navigation.stereo.features import FeatureParams
 from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging, StereoRangingState
@@ -155,6 +164,8 @@ class Navigator(nn.Module):
         if driven is not None or start is not None:
             check_motion(driven, start, shape)
         try:
+            if state is not None:
+                check_known(state)
             return self.frame_by_frame(ours, theirs, state, driven, start, shape)
         except InputError:
             raise

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_dense, check_tensor
+from ndtorch.arguments import check_dense, check_finite, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Command
 from ndtorch.navigation.localisation.state import LocaliserState
@@ -91,6 +92,16 @@ def check_motion(driven: Command | None, start: Pose | None, frames: tuple[int, 
             check_tensor(f"{name}.{part}", value)
             if value.shape != shape:
                 raise InputError(f"{name}.{part} must be {list(shape)}, got {list(value.shape)}")
+
+
+def check_known(state: NavigatorState) -> None:
+    """Raise `InputError` for a pose or a last command that is not finite: it would stay in the pose for good."""
+    numbers = (*state.pose, *state.command)
+    if all(type(number) is float for number in numbers) and math.isfinite(sum(numbers)):
+        return
+    for name, part in (("pose", state.pose), ("command", state.command)):
+        for field, value in zip(part._fields, part, strict=True):
+            check_finite(f"state.{name}.{field}", torch.as_tensor(value))
 
 
 def check_cars(state: NavigatorState, batch: tuple[int, ...]) -> None:

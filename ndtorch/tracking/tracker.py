@@ -75,7 +75,7 @@ class Tracker:
         """Go on from a state."""
         self.tracks, self.count = tracks_from_table(state.tracks), int(state.count)
         # What no step changes is copied: an array of a tensor keeps it alive, and so all states before.
-        self.clutter, self.births = np.array(state.clutter), np.array(state.births.rows)
+        self.clutter, self.births = np.asarray(state.clutter).copy(), np.asarray(state.births.rows).copy()
         self.labels = np.asarray(state.labels)
         self.closed = list[Track]()
 
