@@ -34,7 +34,7 @@ MOST_WHOLE = 2**63
 SEEN = "_explains_arguments"
 """Attribute of a call that is wrapped already."""
 
-OF_ARRAYS = (RuntimeError, IndexError, ValueError, AssertionError)
+OF_ARRAYS = {"RuntimeError", "IndexError", "ValueError", "AssertionError", "TypingError"}
 """What PyTorch, NumPy and kernels raise for arrays whose shapes do not fit; no class derived from these."""
 
 CHECKED_BY_THEMSELVES = (tuple, enum.Enum, BaseException)
@@ -159,7 +159,7 @@ def complain(
         if wanted:
             raise InputError(f"{name} must be {wanted}, got {shown(value)}") from error
     arrays = {name: value for name, value in bound.arguments.items() if isinstance(value, Tensor | np.ndarray)}
-    if arrays and type(error) in OF_ARRAYS and not re.search("alloc|memory", str(error)):
+    if arrays and type(error).__name__ in OF_ARRAYS and not re.search("alloc|memory", str(error)):
         got = ", ".join(f"{name} {list(value.shape)} {value.dtype}" for name, value in arrays.items())
         words = str(error).partition("\n")[0] or "they do not fit"
         raise InputError(f"{call.__name__} cannot take {got}: {words}") from error
