@@ -40,6 +40,11 @@ Size = Annotated[tuple[int, int], BeforeValidator(square), AfterValidator(limite
 """Height and width in pixels; a single number means a square."""
 
 
+def constant(default: Any, description: str, **limits: Any) -> Any:
+    """A key of a table: its default, one sentence that says what it is, with its unit, and its limits."""
+    return Field(default, description=description, **limits)
+
+
 Share = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 """One of a tuple of numbers above 0."""

@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
-from pydantic import Field
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
 from ndtorch.binding.covariance import sample_step
-from ndtorch.config import Constants
+from ndtorch.config import Constants, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.motion import Border, check_border
@@ -24,59 +23,43 @@ DIRECTIONS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
 class ObjectFileParams(Constants):
     """Constants of `ObjectFiles`; lengths in fields (spacings of the grid), times in seconds."""
 
-    most: int = Field(8, gt=0, le=1000, description="There are at most this many objects at a time.")
-    period: float = Field(0.05, gt=0, description="Windows are updated once in this many seconds.")
-    tau_low: float = Field(0.05, gt=0, description="The signals are low-passed with this time constant in seconds.")
-    window: float = Field(0.96, gt=0, description="A window's receptive field has this standard deviation in fields.")
-    crowd: float = Field(
-        0.05,
-        gt=0,
-        description="This much is added to the sum of all windows, so that far ends decide no share.",
+    most: int = constant(8, "There are at most this many objects at a time.", gt=0, le=1000)
+    period: float = constant(0.05, "Windows are updated once in this many seconds.", gt=0)
+    tau_low: float = constant(0.05, "The signals are low-passed with this time constant in seconds.", gt=0)
+    window: float = constant(0.96, "A window's receptive field has this standard deviation in fields.", gt=0)
+    crowd: float = constant(
+        0.05, "This much is added to the sum of all windows, so that far ends decide no share.", gt=0
     )
-    visible: float = Field(
-        0.03, gt=0, description="An object is visible above this share of the recent largest motion."
+    visible: float = constant(0.03, "An object is visible above this share of the recent largest motion.", gt=0)
+    birth: float = constant(0.06, "Unclaimed motion above this share of the recent largest opens a window.", gt=0)
+    contrast: float = constant(3.0, "Unclaimed motion has to exceed the median over all fields this many times.", gt=0)
+    claim: float = constant(1.66, "A window claims all motion within this radius in fields.", gt=0)
+    tau_peak: float = constant(10.0, "The largest motion is remembered with this time constant in seconds.", gt=0)
+    gain: float = constant(0.5, "The alpha-beta filter that follows an object has this alpha.", gt=0)
+    drift: float = constant(0.15, "The alpha-beta filter that follows an object has this beta.", gt=0)
+    young: float = constant(1.0, "A window follows faster until it has this age in seconds.", gt=0)
+    young_gain: float = constant(0.6, "A young window has at least this alpha.", gt=0)
+    young_drift: float = constant(0.3, "A young window has at least this beta.", gt=0)
+    updates: float = constant(4.0, "A residual comes about over this many updates.", gt=0)
+    reach: float = constant(0.8, "A residual is at most this many fields.", gt=0)
+    fastest: float = constant(8.0, "A window moves at most this many fields a second.", gt=0)
+    aim: float = constant(0.3, "A window begins to prefer motion in its own direction at this age in seconds.", gt=0)
+    aimed: float = constant(0.5, "The preference is complete after this many more seconds.", gt=0)
+    slow: float = constant(0.0625, "A window has no direction below this share of the speed limit.", gt=0)
+    confirm: float = constant(0.8, "A window counts as an object from this age in seconds on.", gt=0)
+    blind: float = constant(0.15, "A younger window is closed after this many seconds without motion.", gt=0)
+    lost: float = constant(2.0, "Any window is closed after this many seconds without motion.", gt=0)
+    same: float = constant(0.7, "Windows nearer than this many fields that move alike are one.", gt=0)
+    near: float = constant(2.6, "Windows nearer than this many fields that fluctuate alike are one.", gt=0)
+    known: float = constant(0.7, "Fluctuations are compared once both windows have this age in seconds.", gt=0)
+    alike: float = constant(0.8, "Fluctuations are alike above this correlation.", gt=0)
+    alike_speed: float = constant(
+        0.8, "Velocities are alike if they differ by less than this many fields a second.", gt=0
     )
-    birth: float = Field(
-        0.06, gt=0, description="Unclaimed motion above this share of the recent largest opens a window."
-    )
-    contrast: float = Field(
-        3.0, gt=0, description="Unclaimed motion has to exceed the median over all fields this many times."
-    )
-    claim: float = Field(1.66, gt=0, description="A window claims all motion within this radius in fields.")
-    tau_peak: float = Field(
-        10.0, gt=0, description="The largest motion is remembered with this time constant in seconds."
-    )
-    gain: float = Field(0.5, gt=0, description="The alpha-beta filter that follows an object has this alpha.")
-    drift: float = Field(0.15, gt=0, description="The alpha-beta filter that follows an object has this beta.")
-    young: float = Field(1.0, gt=0, description="A window follows faster until it has this age in seconds.")
-    young_gain: float = Field(0.6, gt=0, description="A young window has at least this alpha.")
-    young_drift: float = Field(0.3, gt=0, description="A young window has at least this beta.")
-    updates: float = Field(4.0, gt=0, description="A residual comes about over this many updates.")
-    reach: float = Field(0.8, gt=0, description="A residual is at most this many fields.")
-    fastest: float = Field(8.0, gt=0, description="A window moves at most this many fields a second.")
-    aim: float = Field(
-        0.3, gt=0, description="A window begins to prefer motion in its own direction at this age in seconds."
-    )
-    aimed: float = Field(0.5, gt=0, description="The preference is complete after this many more seconds.")
-    slow: float = Field(0.0625, gt=0, description="A window has no direction below this share of the speed limit.")
-    confirm: float = Field(0.8, gt=0, description="A window counts as an object from this age in seconds on.")
-    blind: float = Field(0.15, gt=0, description="A younger window is closed after this many seconds without motion.")
-    lost: float = Field(2.0, gt=0, description="Any window is closed after this many seconds without motion.")
-    same: float = Field(0.7, gt=0, description="Windows nearer than this many fields that move alike are one.")
-    near: float = Field(2.6, gt=0, description="Windows nearer than this many fields that fluctuate alike are one.")
-    known: float = Field(0.7, gt=0, description="Fluctuations are compared once both windows have this age in seconds.")
-    alike: float = Field(0.8, gt=0, description="Fluctuations are alike above this correlation.")
-    alike_speed: float = Field(
-        0.8, gt=0, description="Velocities are alike if they differ by less than this many fields a second."
-    )
-    tau_high: float = Field(
-        1.0, gt=0, description="A window's signals are high-passed with this time constant in seconds."
-    )
-    tau_bind: float = Field(
-        3.0, gt=0, description="A window's covariances are remembered with this time constant in seconds."
-    )
-    tau_light: float = Field(
-        1.0, gt=0, description="Covariances between windows are remembered with this time constant in seconds."
+    tau_high: float = constant(1.0, "A window's signals are high-passed with this time constant in seconds.", gt=0)
+    tau_bind: float = constant(3.0, "A window's covariances are remembered with this time constant in seconds.", gt=0)
+    tau_light: float = constant(
+        1.0, "Covariances between windows are remembered with this time constant in seconds.", gt=0
     )
 
 

@@ -7,9 +7,8 @@ from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import Field
 
-from ndtorch.config import Constants
+from ndtorch.config import Constants, constant
 from ndtorch.foreground._kernels import LearningRates, learn
 from ndtorch.foreground.arrays import Floats, aligned, aligned_copy
 from ndtorch.vision.temporal import smoothing_factor as checked_smoothing_factor
@@ -54,34 +53,32 @@ class BackgroundParams(Constants):
         "uneven": "shadow_max_variation_ratio",
     }
 
-    max_height_px: int = Field(
-        224, ge=16, le=32_768, description="Frames are shrunk by a whole number to at most this many rows."
+    max_height_px: int = constant(
+        224, "Frames are shrunk by a whole number to at most this many rows.", ge=16, le=32_768
     )
-    tau_background: float = Field(10.0, gt=0, description="The background follows with this time constant in seconds.")
-    tau_noise: float = Field(4.0, gt=0, description="The noise of a pixel follows with this time constant in seconds.")
-    threshold_sigma: float = Field(
-        3.0, gt=0, description="A pixel is foreground if it differs by more than this many standard deviations."
+    tau_background: float = constant(10.0, "The background follows with this time constant in seconds.", gt=0)
+    tau_noise: float = constant(4.0, "The noise of a pixel follows with this time constant in seconds.", gt=0)
+    threshold_sigma: float = constant(
+        3.0, "A pixel is foreground if it differs by more than this many standard deviations.", gt=0
     )
-    min_noise_ratio: float = Field(
-        0.006, gt=0, description="The noise is at least this standard deviation (fraction of full scale)."
+    min_noise_ratio: float = constant(
+        0.006, "The noise is at least this standard deviation (fraction of full scale).", gt=0
     )
-    min_motion_ratio: float = Field(
-        0.012, gt=0, description="A pixel moves if it changes by at least this from frame to frame (of full scale)."
+    min_motion_ratio: float = constant(
+        0.012, "A pixel moves if it changes by at least this from frame to frame (of full scale).", gt=0
     )
-    static_after_s: float = Field(
-        0.5, ge=0, description="A pixel without motion for this many seconds is background, or a ghost in it."
+    static_after_s: float = constant(
+        0.5, "A pixel without motion for this many seconds is background, or a ghost in it.", ge=0
     )
-    object_learning_ratio: float = Field(
-        0.05, ge=0, description="The background under an object follows at this fraction of its pace."
+    object_learning_ratio: float = constant(
+        0.05, "The background under an object follows at this fraction of its pace.", ge=0
     )
-    shadow_min_ratio: float = Field(
-        0.4, ge=0, le=1, description="A shadow leaves at least this fraction of the background's light."
+    shadow_min_ratio: float = constant(
+        0.4, "A shadow leaves at least this fraction of the background's light.", ge=0, le=1
     )
-    shadow_max_tint_ratio: float = Field(
-        0.12, ge=0, description="A shadow changes the colors' shares by at most this fraction."
-    )
-    shadow_max_variation_ratio: float = Field(
-        0.06, ge=0, description="The remaining light of a shadow varies by at most this among neighbours."
+    shadow_max_tint_ratio: float = constant(0.12, "A shadow changes the colors' shares by at most this fraction.", ge=0)
+    shadow_max_variation_ratio: float = constant(
+        0.06, "The remaining light of a shadow varies by at most this among neighbours.", ge=0
     )
 
 

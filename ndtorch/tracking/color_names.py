@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from pydantic import Field
 
-from ndtorch.config import Constants, Shares
+from ndtorch.config import Constants, Shares, constant
 from ndtorch.foreground.arrays import Floats, Numbers
 from ndtorch.tracking._kernels_tracks import WhiteBalanceNumbers, measure_white_balance
 
@@ -28,10 +27,10 @@ class ColorParams(Constants):
         "dimmest": "",
     }
 
-    min_hue: float = Field(0.02, gt=0, description="A hue below this fraction of full scale is achromatic.")
-    min_hue_ratio: float = Field(0.12, ge=0, description="A hue below this fraction of the brightness is achromatic.")
-    white_ratio: Shares = Field((0.5, 0.7), description="White begins between these fractions of the brightest patch.")
-    black_ratio: Shares = Field((0.12, 0.25), description="Black ends between these fractions of the brightest patch.")
+    min_hue: float = constant(0.02, "A hue below this fraction of full scale is achromatic.", gt=0)
+    min_hue_ratio: float = constant(0.12, "A hue below this fraction of the brightness is achromatic.", ge=0)
+    white_ratio: Shares = constant((0.5, 0.7), "White begins between these fractions of the brightest patch.")
+    black_ratio: Shares = constant((0.12, 0.25), "Black ends between these fractions of the brightest patch.")
 
 
 class WhiteBalance:

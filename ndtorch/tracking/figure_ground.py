@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
 
-from ndtorch.config import Constants
+from ndtorch.config import Constants, constant
 from ndtorch.errors import InputError
 from ndtorch.foreground.arrays import Array, Bools, Floats
 from ndtorch.utils.jit import jit
@@ -37,14 +36,14 @@ Numbers = npt.NDArray[np.float64]
 class FigureGroundParams(Constants):
     """Constants of `figure_ground`. Velocities are pixels a frame."""
 
-    fastest: float = Field(5.0, gt=0, le=(REACH - AROUND - 1) / LAGS, description="largest speed of figure and ground")
-    step: float = Field(0.125, gt=0.01, description="distance of neighboring velocities")
-    least_difference: float = Field(0.2, gt=0, description="least difference of the two velocities")
-    surround: int = Field(9, gt=1, description="side of the window whose mean is subtracted, pixels")
-    least_contrast: float = Field(0.4, gt=0, lt=1, description="least contrast of a point, where that of most is 1")
-    least_survival: float = Field(0.15, gt=0, lt=1, description="ratio of points that live as long as a delay in use")
-    candidates: int = Field(10, gt=0, description="number of velocities that are tried for the figure")
-    window: float = Field(0.42, gt=0, description="deviation of the window of the outline, distances of moving points")
+    fastest: float = constant(5.0, "largest speed of figure and ground", gt=0, le=(REACH - AROUND - 1) / LAGS)
+    step: float = constant(0.125, "distance of neighboring velocities", gt=0.01)
+    least_difference: float = constant(0.2, "least difference of the two velocities", gt=0)
+    surround: int = constant(9, "side of the window whose mean is subtracted, pixels", gt=1)
+    least_contrast: float = constant(0.4, "least contrast of a point, where that of most is 1", gt=0, lt=1)
+    least_survival: float = constant(0.15, "ratio of points that live as long as a delay in use", gt=0, lt=1)
+    candidates: int = constant(10, "number of velocities that are tried for the figure", gt=0)
+    window: float = constant(0.42, "deviation of the window of the outline, distances of moving points", gt=0)
 
 
 class FigureGround(NamedTuple):

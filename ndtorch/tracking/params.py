@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from pydantic import Field
-
-from ndtorch.config import Constants
+from ndtorch.config import Constants, constant
 
 FIXED = (
     "certain unbent shadow piece follow grouped blurred room restless glimpse near shortly same_size among several "
@@ -46,86 +44,61 @@ class TrackingParams(Constants):
         "doubtful": "tentative_max_s",
     }
 
-    min_area_ratio: float = Field(
-        0.0005, gt=0, description="A blob has at least this area, as a fraction of the image area."
+    min_area_ratio: float = constant(0.0005, "A blob has at least this area, as a fraction of the image area.", gt=0)
+    min_area_isolated_ratio: float = constant(
+        0.0002, "An isolated blob has at least this area, as a fraction of the image area.", gt=0
     )
-    min_area_isolated_ratio: float = Field(
-        0.0002, gt=0, description="An isolated blob has at least this area, as a fraction of the image area."
+    closing_px: int = constant(2, "Gaps of up to this many pixels inside a blob are closed.", ge=0)
+    split_notch_ratio: float = constant(
+        0.8, "A blob is cut where its height is below this fraction of the height on both sides.", ge=0, le=1
     )
-    closing_px: int = Field(2, ge=0, description="Gaps of up to this many pixels inside a blob are closed.")
-    split_notch_ratio: float = Field(
-        0.8,
-        ge=0,
-        le=1,
-        description="A blob is cut where its height is below this fraction of the height on both sides.",
+    gate_sizes: float = constant(1.0, "An unmatched blob may be this many sizes from where a track is expected.", gt=0)
+    color_cost: float = constant(
+        2.0, "A color difference of full scale costs this much, where the gate's distance costs 1.", ge=0
     )
-    gate_sizes: float = Field(
-        1.0, gt=0, description="An unmatched blob may be this many sizes from where a track is expected."
+    max_area_ratio: float = constant(3.0, "The areas of two detections of a track differ by at most this ratio.", gt=1)
+    split_color_cost: float = constant(
+        4.0, "A color difference of full scale costs this much where a group splits.", ge=0
     )
-    color_cost: float = Field(
-        2.0, ge=0, description="A color difference of full scale costs this much, where the gate's distance costs 1."
+    occlusion_color_cost: float = constant(
+        16.0, "A squared color difference of full scale costs this many squared sizes in shared blobs.", ge=0
     )
-    max_area_ratio: float = Field(
-        3.0, gt=1, description="The areas of two detections of a track differ by at most this ratio."
+    tau_velocity: float = constant(0.4, "A detection after t seconds changes the velocity by t / (this + t).", ge=0)
+    tau_size: float = constant(0.4, "Size and color of a track follow with this time constant in seconds.", ge=0)
+    max_lost_s: float = constant(1.0, "A track ends after this many seconds without a detection.", ge=0)
+    max_prediction_s: float = constant(
+        0.5, "A track out of sight is predicted at its velocity for this many seconds.", ge=0
     )
-    split_color_cost: float = Field(
-        4.0, ge=0, description="A color difference of full scale costs this much where a group splits."
+    min_track_s: float = constant(0.3, "A track is confirmed after at least this many seconds.", ge=0)
+    min_travel_sizes: float = constant(
+        0.7, "A track is confirmed once it has moved this many sizes; 0 confirms stationary ones too.", ge=0
     )
-    occlusion_color_cost: float = Field(
-        16.0,
-        ge=0,
-        description="A squared color difference of full scale costs this many squared sizes in shared blobs.",
+    min_travel_height_ratio: float = constant(
+        0.05, "A track is confirmed once it has moved this fraction of the image height.", ge=0
     )
-    tau_velocity: float = Field(
-        0.4, ge=0, description="A detection after t seconds changes the velocity by t / (this + t)."
+    clutter_travel_factor: float = constant(
+        3.0, "The distances are this many times as large where tracks came and went before.", ge=1
     )
-    tau_size: float = Field(
-        0.4, ge=0, description="Size and color of a track follow with this time constant in seconds."
+    clutter_rate: float = constant(
+        5.0, "Particles are where more tracks of one size than this begin each second and squared image height.", gt=0
     )
-    max_lost_s: float = Field(1.0, ge=0, description="A track ends after this many seconds without a detection.")
-    max_prediction_s: float = Field(
-        0.5, ge=0, description="A track out of sight is predicted at its velocity for this many seconds."
+    clutter_density: float = constant(
+        18.0, "Particles are also where more begin around a track, each second and squared height.", gt=0
     )
-    min_track_s: float = Field(0.3, ge=0, description="A track is confirmed after at least this many seconds.")
-    min_travel_sizes: float = Field(
-        0.7, ge=0, description="A track is confirmed once it has moved this many sizes; 0 confirms stationary ones too."
+    min_contrast_sigma: float = constant(
+        9.0, "A track with this mean contrast, in deviations of the noise, need not prove rigid motion.", gt=0
     )
-    min_travel_height_ratio: float = Field(
-        0.05, ge=0, description="A track is confirmed once it has moved this fraction of the image height."
+    min_straightness_ratio: float = constant(
+        0.4, "A track oscillates if its net displacement is below this fraction of its path.", ge=0, le=1
     )
-    clutter_travel_factor: float = Field(
-        3.0, ge=1, description="The distances are this many times as large where tracks came and went before."
+    probation_s: float = constant(
+        5.0, "A confirmation is revoked within this many seconds if the track only oscillates or grows.", ge=0
     )
-    clutter_rate: float = Field(
-        5.0,
-        gt=0,
-        description="Particles are where more tracks of one size than this begin each second and squared image height.",
+    parent_area_ratio: float = constant(
+        2.0, "What is in or beside something of this many times its area may be a fragment of it.", ge=1
     )
-    clutter_density: float = Field(
-        18.0, gt=0, description="Particles are also where more begin around a track, each second and squared height."
-    )
-    min_contrast_sigma: float = Field(
-        9.0,
-        gt=0,
-        description="A track with this mean contrast, in deviations of the noise, need not prove rigid motion.",
-    )
-    min_straightness_ratio: float = Field(
-        0.4, ge=0, le=1, description="A track oscillates if its net displacement is below this fraction of its path."
-    )
-    probation_s: float = Field(
-        5.0,
-        ge=0,
-        description="A confirmation is revoked within this many seconds if the track only oscillates or grows.",
-    )
-    parent_area_ratio: float = Field(
-        2.0, ge=1, description="What is in or beside something of this many times its area may be a fragment of it."
-    )
-    stationary_after_s: float = Field(
-        1.5, ge=0, description="An object that has not moved for this many seconds is stationary."
-    )
-    stationary_max_s: float = Field(
-        60.0, ge=0, description="A stationary object becomes background after this many seconds."
-    )
-    tentative_max_s: float = Field(
-        1.0, ge=0, description="A track that is not confirmed becomes background after this many seconds."
+    stationary_after_s: float = constant(1.5, "An object that has not moved for this many seconds is stationary.", ge=0)
+    stationary_max_s: float = constant(60.0, "A stationary object becomes background after this many seconds.", ge=0)
+    tentative_max_s: float = constant(
+        1.0, "A track that is not confirmed becomes background after this many seconds.", ge=0
     )

@@ -6,12 +6,11 @@ import math
 from typing import NamedTuple
 
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
 from ndtorch.arguments import check_batch, check_finite, check_fits, check_number, check_size, check_state, rows_in
-from ndtorch.config import Constants
+from ndtorch.config import Constants, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.receptive_fields import pool
@@ -28,18 +27,16 @@ MOST_VELOCITIES = 100
 class CoherentParams(Constants):
     """Constants of `CoherentMotion`."""
 
-    around: int = Field(9, gt=0, description="side of the window whose mean is taken off, pixels, odd")
-    tau_high: float = Field(0.5, ge=0, description="high-pass of every pixel, seconds")
-    every: float = Field(0.08, gt=0, description="time between frames that are kept, seconds")
-    kept: float = Field(2.0, gt=0, description="time for which they are kept, seconds")
-    last: float = Field(
-        0.4, gt=0, description="delay beyond which frames are not compared, shorter ones the more, seconds"
-    )
-    fastest: float = Field(45.0, gt=0, description="fastest motion that is looked for, pixels a second")
-    step: float = Field(9.0, gt=0, description="distance of neighbouring velocities, pixels a second")
-    coarse: float = Field(2.0, ge=1, description="pixels of a frame that are one, a side, where all are looked for")
-    field: float = Field(8.0, ge=1, description="distance of neighbouring fields, pixels")
-    window: float = Field(16.0, gt=0, description="deviation of a field, pixels")
+    around: int = constant(9, "side of the window whose mean is taken off, pixels, odd", gt=0)
+    tau_high: float = constant(0.5, "high-pass of every pixel, seconds", ge=0)
+    every: float = constant(0.08, "time between frames that are kept, seconds", gt=0)
+    kept: float = constant(2.0, "time for which they are kept, seconds", gt=0)
+    last: float = constant(0.4, "delay beyond which frames are not compared, shorter ones the more, seconds", gt=0)
+    fastest: float = constant(45.0, "fastest motion that is looked for, pixels a second", gt=0)
+    step: float = constant(9.0, "distance of neighbouring velocities, pixels a second", gt=0)
+    coarse: float = constant(2.0, "pixels of a frame that are one, a side, where all are looked for", ge=1)
+    field: float = constant(8.0, "distance of neighbouring fields, pixels", ge=1)
+    window: float = constant(16.0, "deviation of a field, pixels", gt=0)
 
 
 class CoherentState(NamedTuple):

@@ -7,10 +7,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 
-from ndtorch.config import Constants
+from ndtorch.config import Constants, constant
 from ndtorch.foreground.arrays import Floats, Labels, Numbers, aligned, aligned_copy
 from ndtorch.vision._kernels_masked import signals_of_sums, sum_features
 from ndtorch.vision.motion import MotionState
@@ -28,13 +27,9 @@ class FeatureParams(Constants):
 
     old_keys: ClassVar = {"most": "max_objects", "center": "", "surround": ""}
 
-    max_objects: int = Field(32, gt=0, description="There are receptive fields for this many objects at a time.")
-    tau_high: float = Field(
-        0.5, ge=0, description="The high-pass of the motion detectors has this time constant in seconds."
-    )
-    tau_low: float = Field(
-        0.05, ge=0, description="The delay filter of the motion detectors has this time constant in seconds."
-    )
+    max_objects: int = constant(32, "There are receptive fields for this many objects at a time.", gt=0)
+    tau_high: float = constant(0.5, "The high-pass of the motion detectors has this time constant in seconds.", ge=0)
+    tau_low: float = constant(0.05, "The delay filter of the motion detectors has this time constant in seconds.", ge=0)
 
 
 class FeatureState(NamedTuple):

@@ -20,7 +20,7 @@ from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.owners import features_by_group
-from ndtorch.config import Constants, ModelConfig, Size
+from ndtorch.config import Constants, ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.foreground.arrays import Bytes, Floats, aligned_copy
 from ndtorch.foreground.background import BackgroundModel, BackgroundParams, BackgroundState, update_background
@@ -40,8 +40,8 @@ from ndtorch.vision.masked_features import FeatureParams, FeatureState, MaskedFe
 class FieldNormalise(Constants):
     """Signals over the largest of their group in any field lately."""
 
-    memory: float = Field(20.0, gt=0, description="The group maxima are remembered with this time constant in seconds.")
-    floor: float = Field(0.02, gt=0, description="Signals are divided by at least this compressed contrast.")
+    memory: float = constant(20.0, "The group maxima are remembered with this time constant in seconds.", gt=0)
+    floor: float = constant(0.02, "Signals are divided by at least this compressed contrast.", gt=0)
 
 
 class SharedNetwork(RuleConstants):
@@ -49,8 +49,8 @@ class SharedNetwork(RuleConstants):
 
     old_keys: ClassVar = {"quiet": "min_fluctuation"}
 
-    learn: bool = Field(True, description="The weights stay zero if this is false.")
-    min_fluctuation: float = Field(0.05, ge=0, description="Fluctuations below this change nothing.")
+    learn: bool = constant(True, "The weights stay zero if this is false.")
+    min_fluctuation: float = constant(0.05, "Fluctuations below this change nothing.", ge=0)
 
 
 class ForegroundConfig(ModelConfig):
@@ -58,10 +58,10 @@ class ForegroundConfig(ModelConfig):
 
     old_keys: ClassVar = {"fastest": "max_fps", "ground": "background", "fields": "features", "shades": "colors"}
 
-    model: Literal["foreground"] = Field("foreground", description="kind of the model")
-    size: Size = Field((224, 398), description="height and width of the frames, pixels")
-    fps: float = Field(30.0, gt=0, le=100_000, description="frames a second")
-    max_fps: float = Field(30.5, gt=0, description="Successive frames are averaged to at most this many a second.")
+    model: Literal["foreground"] = constant("foreground", "kind of the model")
+    size: Size = constant((224, 398), "height and width of the frames, pixels")
+    fps: float = constant(30.0, "frames a second", gt=0, le=100_000)
+    max_fps: float = constant(30.5, "Successive frames are averaged to at most this many a second.", gt=0)
     background: BackgroundParams = Field(default_factory=BackgroundParams)
     features: FeatureParams = Field(default_factory=FeatureParams)
     normalise: FieldNormalise = Field(default_factory=FieldNormalise)

@@ -16,43 +16,43 @@ from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import object_table
 from ndtorch.binding.rules import RULES, Rule, learning_rule
-from ndtorch.config import Constants
+from ndtorch.config import Constants, constant
 from ndtorch.errors import InputError
 
 
 class PublishedNetwork(Constants):
     """The four networks; the three of the first stage do not learn."""
 
-    dt: float = Field(0.01, gt=0, description="time step, and delay of the feedback")
-    rule: str = Field("competitive", description="competitive, cooperative, hebbian, or a name of your own in RULES")
-    f: str = Field("cube", description="expansive function of the rule")
-    g: str = Field("tanh-pi", description="compressive function of the rule")
-    gamma: float = Field(0.5, ge=0, description="learning rate of the second stage, 1/s")
-    tau_in: float = Field(1.0, ge=0, description="high-pass on the second stage's inputs")
-    tau_out: float = Field(0.5, ge=0, description="high-pass on the outputs in the learning rule")
-    settle: float = Field(4.0, ge=0, description="time before the second stage learns")
-    tau_onset: float = Field(2.0, ge=0, description="soft start of learning")
-    radius_limit: float = Field(0.95, gt=0, lt=1, description="limit on the second stage's spectral radius")
+    dt: float = constant(0.01, "time step, and delay of the feedback", gt=0)
+    rule: str = constant("competitive", "competitive, cooperative, hebbian, or a name of your own in RULES")
+    f: str = constant("cube", "expansive function of the rule")
+    g: str = constant("tanh-pi", "compressive function of the rule")
+    gamma: float = constant(0.5, "learning rate of the second stage, 1/s", ge=0)
+    tau_in: float = constant(1.0, "high-pass on the second stage's inputs", ge=0)
+    tau_out: float = constant(0.5, "high-pass on the outputs in the learning rule", ge=0)
+    settle: float = constant(4.0, "time before the second stage learns", ge=0)
+    tau_onset: float = constant(2.0, "soft start of learning", ge=0)
+    radius_limit: float = constant(0.95, "limit on the second stage's spectral radius", gt=0, lt=1)
 
 
 class WeightReadout(Constants):
     """Objects from weights [C §4.1], and what they are worth."""
 
-    smallest_weight: float = Field(1 / 3, ge=0, description="share of the largest weight that counts")
-    smallest_column: float = Field(0.6, ge=0, description="sum of those that makes an owner")
-    learned_weight: float = Field(0.6, ge=0, description="smallest largest weight of a network that has learned")
-    stable_window: float = Field(1.0, gt=0, description="tau_s of the stability criterion")
-    stable_mean: float = Field(2.0, ge=0, description="time constant of the mean weights it looks at")
-    stable_change: float = Field(0.5, gt=0, description="S_thr of the stability criterion, weight per window")
-    tau_alternation: float = Field(0.5, gt=0, description="memory of the outputs' power and of its alternating share")
+    smallest_weight: float = constant(1 / 3, "share of the largest weight that counts", ge=0)
+    smallest_column: float = constant(0.6, "sum of those that makes an owner", ge=0)
+    learned_weight: float = constant(0.6, "smallest largest weight of a network that has learned", ge=0)
+    stable_window: float = constant(1.0, "tau_s of the stability criterion", gt=0)
+    stable_mean: float = constant(2.0, "time constant of the mean weights it looks at", ge=0)
+    stable_change: float = constant(0.5, "S_thr of the stability criterion, weight per window", gt=0)
+    tau_alternation: float = constant(0.5, "memory of the outputs' power and of its alternating share", gt=0)
     # Smooth signals have 0.001, white noise 0.5, a locked network 0.96 and more.
-    alternating: float = Field(0.25, gt=0, description="share of alternating power that the delay makes, not the scene")
+    alternating: float = constant(0.25, "share of alternating power that the delay makes, not the scene", gt=0)
 
 
 class PublishedConfig(WholeFieldConfig):
     """Constants of the model; the defaults are the published ones. [B §2; C §2, §4]"""
 
-    model: Literal["published"] = Field("published", description="kind of the model")
+    model: Literal["published"] = constant("published", "kind of the model")
     network: PublishedNetwork = Field(default_factory=PublishedNetwork)
     readout: WeightReadout = Field(default_factory=WeightReadout)
 

@@ -15,7 +15,7 @@ from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFiles, ObjectFileState
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.covariances import single_table, single_weights
-from ndtorch.config import Constants, Deviations, ModelConfig, Size
+from ndtorch.config import Constants, Deviations, ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures
 from ndtorch.vision.frames import frames_in
@@ -26,30 +26,30 @@ from ndtorch.vision.receptive_fields import LocalFeatures
 class LocalFields(Constants):
     """Overlapping fields on a coarse grid."""
 
-    along: int = Field(16, ge=3, description="fields along the shorter side of the frame")
-    tau_motion_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
-    tau_motion_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
-    center: Deviations = Field((19.0, 6.0), description="deviations of the orientation filters, pixels,")
-    surround: Deviations = Field((22.0, 9.0), description="along and across: center less surround")
-    exact: bool = Field(False, description="orientation sums at full resolution: slower, differs by < 0.5 %")
+    along: int = constant(16, "fields along the shorter side of the frame", ge=3)
+    tau_motion_high: float = constant(0.5, "high-pass of the motion detectors", ge=0)
+    tau_motion_low: float = constant(0.05, "delay filter of the motion detectors", ge=0)
+    center: Deviations = constant((19.0, 6.0), "deviations of the orientation filters, pixels,")
+    surround: Deviations = constant((22.0, 9.0), "along and across: center less surround")
+    exact: bool = constant(False, "orientation sums at full resolution: slower, differs by < 0.5 %")
 
 
 class SingleReadout(Constants):
     """What each window holds, from the covariances of what it sees."""
 
-    smallest: float = Field(1 / 3, ge=0, description="share of its group's largest that makes a feature")
-    agrees: float = Field(
-        0.5, ge=-1, le=1, description="before a light ground a group that goes along less with the owner is read alone"
+    smallest: float = constant(1 / 3, "share of its group's largest that makes a feature", ge=0)
+    agrees: float = constant(
+        0.5, "before a light ground a group that goes along less with the owner is read alone", ge=-1, le=1
     )
 
 
 class RetinotopicConfig(ModelConfig):
     """Constants of the model."""
 
-    model: Literal["retinotopic"] = Field("retinotopic", description="kind of the model")
-    size: Size = Field((500, 500), description="height and width of the frames, pixels")
-    fps: float = Field(100.0, gt=0, le=100_000, description="frames a second")
-    border: Border = Field("wrap", description="wrap for the toroidal scenes, reflect for video")
+    model: Literal["retinotopic"] = constant("retinotopic", "kind of the model")
+    size: Size = constant((500, 500), "height and width of the frames, pixels")
+    fps: float = constant(100.0, "frames a second", gt=0, le=100_000)
+    border: Border = constant("wrap", "wrap for the toroidal scenes, reflect for video")
     fields: LocalFields = Field(default_factory=LocalFields)
     readout: SingleReadout = Field(default_factory=SingleReadout)
     tracking: ObjectFileParams = Field(default_factory=ObjectFileParams)

@@ -23,7 +23,7 @@ from ndtorch.binding.readout.owners import OwnerCriteria, SourceCriteria, SumCri
 from ndtorch.binding.readout.source_count import Bound, motion_residual, source_bound
 from ndtorch.binding.readout.sums import SumState, SumStatistics, sums_table
 from ndtorch.binding.rules import ScaleFreeRule
-from ndtorch.config import Constants, Positive
+from ndtorch.config import Constants, Positive, constant
 from ndtorch.utils.tensors import mapped
 from ndtorch.vision.temporal import FilterState, LowPass
 
@@ -31,18 +31,18 @@ from ndtorch.vision.temporal import FilterState, LowPass
 class RuleConstants(Constants):
     """Constants of the scale-free rule, and of what it sees."""
 
-    gamma: float = Field(0.2, ge=0, description="learning rate in the long run, 1/s")
-    boost: float = Field(15.0, ge=0, description="how many times faster learning is at first, less one")
-    tau_boost: float = Field(4.0, gt=0, description="time constant with which that subsides")
-    tau_onset: float = Field(0.2, ge=0, description="soft start of learning")
-    tau_out: float = Field(2.0, ge=0, description="high-pass on the outputs in the learning rule")
-    tau_power: float = Field(3.0, ge=0, description="memory of the outputs' power")
-    exponent: float = Field(4.0, gt=0, description="of the gate between weak and strong outputs")
-    leak: float = Field(2.0, ge=0, description="how fast weights from weak to strong are forgotten, against gamma")
-    smallest_deviation: float = Field(0.02, gt=0, description="of an output, as a share of the largest")
-    lowest: float = Field(-0.4, le=0, description="lowest and")
-    highest: float = Field(1.2, ge=0, description="highest weight")
-    radius_limit: float = Field(0.95, gt=0, lt=1, description="limit on the Perron root of the weights' magnitudes")
+    gamma: float = constant(0.2, "learning rate in the long run, 1/s", ge=0)
+    boost: float = constant(15.0, "how many times faster learning is at first, less one", ge=0)
+    tau_boost: float = constant(4.0, "time constant with which that subsides", gt=0)
+    tau_onset: float = constant(0.2, "soft start of learning", ge=0)
+    tau_out: float = constant(2.0, "high-pass on the outputs in the learning rule", ge=0)
+    tau_power: float = constant(3.0, "memory of the outputs' power", ge=0)
+    exponent: float = constant(4.0, "of the gate between weak and strong outputs", gt=0)
+    leak: float = constant(2.0, "how fast weights from weak to strong are forgotten, against gamma", ge=0)
+    smallest_deviation: float = constant(0.02, "of an output, as a share of the largest", gt=0)
+    lowest: float = constant(-0.4, "lowest and", le=0)
+    highest: float = constant(1.2, "highest weight", ge=0)
+    radius_limit: float = constant(0.95, "limit on the Perron root of the weights' magnitudes", gt=0, lt=1)
 
     def learning_rule(self) -> ScaleFreeRule:
         """The rule with these constants."""
@@ -54,35 +54,35 @@ class RuleConstants(Constants):
 class ScaleFreeTable(RuleConstants):
     """Both stages run at the rate of the frames; the first one does not learn."""
 
-    settle: float = Field(0.5, ge=0, description="time before the second stage learns")
-    every: float = Field(0.05, gt=0, description="time between changes of the weights")
-    tau_smooth: float = Field(0.05, ge=0, description="low-pass on the second stage's inputs")
+    settle: float = constant(0.5, "time before the second stage learns", ge=0)
+    every: float = constant(0.05, "time between changes of the weights", gt=0)
+    tau_smooth: float = constant(0.05, "low-pass on the second stage's inputs", ge=0)
 
 
 class OwnerReadout(SumCriteria, SourceCriteria, OwnerCriteria):
     """Objects from owners alone or, better, from delays of the sums; and what they are worth."""
 
-    readout: Literal["owners", "sums"] = Field("sums", description="from owners alone, or from delays of the sums")
-    update: float = Field(0.1, gt=0, description="time between updates of all covariances")
-    tau_high: float = Field(2.0, ge=0, description="high-pass on their signals")
-    tau_owners: float = Field(5.0, gt=0, description="memory of those of inputs")
-    delays: tuple[Positive, ...] = Field(DELAYS, min_length=1, description="delays of the others,")
-    tau_recent: float = Field(0.75, gt=0, description="memory of what is still there,")
-    tau_fast: float = Field(3.5, gt=0, description="their short")
-    tau_slow: float = Field(12.0, gt=0, description="and long memory,")
-    pieces: int = Field(24, gt=0, description="which is of so many stretches of time,")
-    piece: float = Field(1.0, gt=0, description="each so long; as often objects are counted,")
-    tau_answers: float = Field(3.0, gt=0, description="and a number lasts until another has more votes in this memory")
-    stable_window: float = Field(1.0, gt=0, description="tau_s of the stability criterion")
-    stable_mean: float = Field(2.0, ge=0, description="time constant of the mean weights it looks at")
-    stable_change: float = Field(0.5, gt=0, description="S_thr of the stability criterion, weight per window")
-    certain: float = Field(0.9, ge=0, le=1, description="confidence of the number from which on it is stable")
+    readout: Literal["owners", "sums"] = constant("sums", "from owners alone, or from delays of the sums")
+    update: float = constant(0.1, "time between updates of all covariances", gt=0)
+    tau_high: float = constant(2.0, "high-pass on their signals", ge=0)
+    tau_owners: float = constant(5.0, "memory of those of inputs", gt=0)
+    delays: tuple[Positive, ...] = constant(DELAYS, "delays of the others,", min_length=1)
+    tau_recent: float = constant(0.75, "memory of what is still there,", gt=0)
+    tau_fast: float = constant(3.5, "their short", gt=0)
+    tau_slow: float = constant(12.0, "and long memory,", gt=0)
+    pieces: int = constant(24, "which is of so many stretches of time,", gt=0)
+    piece: float = constant(1.0, "each so long; as often objects are counted,", gt=0)
+    tau_answers: float = constant(3.0, "and a number lasts until another has more votes in this memory", gt=0)
+    stable_window: float = constant(1.0, "tau_s of the stability criterion", gt=0)
+    stable_mean: float = constant(2.0, "time constant of the mean weights it looks at", ge=0)
+    stable_change: float = constant(0.5, "S_thr of the stability criterion, weight per window", gt=0)
+    certain: float = constant(0.9, "confidence of the number from which on it is stable", ge=0, le=1)
 
 
 class ScaleFreeConfig(WholeFieldConfig):
     """Constants of the model."""
 
-    model: Literal["scale-free"] = Field("scale-free", description="kind of the model")
+    model: Literal["scale-free"] = constant("scale-free", "kind of the model")
     network: ScaleFreeTable = Field(default_factory=ScaleFreeTable)
     readout: OwnerReadout = Field(default_factory=OwnerReadout)
 

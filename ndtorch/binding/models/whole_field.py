@@ -14,7 +14,7 @@ from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.normalise import BindingInputs, InputState, Order
 from ndtorch.binding.objects import ObjectTable, bound_objects
-from ndtorch.config import Constants, Deviations, ModelConfig, Size
+from ndtorch.config import Constants, Deviations, ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.frames import frames_in
@@ -25,28 +25,28 @@ from ndtorch.vision.temporal import Resample, ResampleState
 class WholeField(Constants):
     """One receptive field, as wide as the frame."""
 
-    tau_motion_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
-    tau_motion_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
-    center: Deviations = Field((19.0, 6.0), description="deviations of the orientation filters, pixels,")
-    surround: Deviations = Field((22.0, 9.0), description="along and across: center less surround")
-    exact: bool = Field(False, description="orientation sums at full resolution: slower, differs by < 0.5 %")
+    tau_motion_high: float = constant(0.5, "high-pass of the motion detectors", ge=0)
+    tau_motion_low: float = constant(0.05, "delay filter of the motion detectors", ge=0)
+    center: Deviations = constant((19.0, 6.0), "deviations of the orientation filters, pixels,")
+    surround: Deviations = constant((22.0, 9.0), "along and across: center less surround")
+    exact: bool = constant(False, "orientation sums at full resolution: slower, differs by < 0.5 %")
 
 
 class Normalise(Constants):
     """From sums to inputs of the networks. [B §2.1.4]"""
 
-    order: Order = Field("filter-first", description="high-pass before group normalisation, or after it (printed)")
-    tau_sums: float = Field(1.0, ge=0, description="high-pass on the sums")
-    window: float = Field(2.0, gt=0, description="memory of the group normalisation")
-    floor: float = Field(0.01, ge=0, description="share of a group's level that counts as full fluctuation")
+    order: Order = constant("filter-first", "high-pass before group normalisation, or after it (printed)")
+    tau_sums: float = constant(1.0, "high-pass on the sums", ge=0)
+    window: float = constant(2.0, "memory of the group normalisation", gt=0)
+    floor: float = constant(0.01, "share of a group's level that counts as full fluctuation", ge=0)
 
 
 class WholeFieldConfig(ModelConfig):
     """What both configs say first."""
 
-    size: Size = Field((500, 500), description="height and width of the frames, pixels")
-    fps: float = Field(100.0, gt=0, le=100_000, description="frames a second")
-    border: Border = Field("wrap", description="wrap for the toroidal scenes, reflect for video")
+    size: Size = constant((500, 500), "height and width of the frames, pixels")
+    fps: float = constant(100.0, "frames a second", gt=0, le=100_000)
+    border: Border = constant("wrap", "wrap for the toroidal scenes, reflect for video")
     fields: WholeField = Field(default_factory=WholeField, description="one, as wide as the frame")
     normalise: Normalise = Field(default_factory=Normalise)
 

@@ -8,11 +8,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor
 from torch.nn import functional
 
-from ndtorch.config import Constants
+from ndtorch.config import Constants, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.coherent import CoherentMotion, CoherentState, moved_on, windows
 
@@ -26,22 +25,18 @@ UPS = 0.25
 class FateCriteria(Constants):
     """When motion is common, and where it ends."""
 
-    clear: float = Field(5.5, gt=0, description="peak of a map of motion over the deviation of all maps")
-    beside: float = Field(0.35, ge=0, le=1, description="share of the clearest peak that a further motion has at least")
-    least: float = Field(0.08, gt=0, description="share of the contrast in a wide window that moves so, above others,")
-    wide: float = Field(8.0, gt=0, description="deviation of that window, pixels")
-    most: int = Field(6, gt=0, description="velocities that are looked for at most")
-    spread: float = Field(
-        4.0, gt=0, description="deviation of the window in which it ends, pixels; wider where little moves so"
-    )
-    edge: float = Field(0.5, gt=0, lt=1, description="share of its level at which a patch ends")
-    piece: float = Field(0.7, ge=0, lt=1, description="share of its level that every piece of a patch reaches")
-    smallest: float = Field(0.006, gt=0, description="smallest patch, as a share of the frame")
-    alike: float = Field(15.0, gt=0, description="velocities nearer than this are one, pixels a second")
-    echo: float = Field(
-        0.7, gt=0, lt=1, description="share of a clearer motion that other velocities have at its place"
-    )
-    refine: float = Field(4.0, gt=0, description="step with which a velocity is looked at closer, pixels a second")
+    clear: float = constant(5.5, "peak of a map of motion over the deviation of all maps", gt=0)
+    beside: float = constant(0.35, "share of the clearest peak that a further motion has at least", ge=0, le=1)
+    least: float = constant(0.08, "share of the contrast in a wide window that moves so, above others,", gt=0)
+    wide: float = constant(8.0, "deviation of that window, pixels", gt=0)
+    most: int = constant(6, "velocities that are looked for at most", gt=0)
+    spread: float = constant(4.0, "deviation of the window in which it ends, pixels; wider where little moves so", gt=0)
+    edge: float = constant(0.5, "share of its level at which a patch ends", gt=0, lt=1)
+    piece: float = constant(0.7, "share of its level that every piece of a patch reaches", ge=0, lt=1)
+    smallest: float = constant(0.006, "smallest patch, as a share of the frame", gt=0)
+    alike: float = constant(15.0, "velocities nearer than this are one, pixels a second", gt=0)
+    echo: float = constant(0.7, "share of a clearer motion that other velocities have at its place", gt=0, lt=1)
+    refine: float = constant(4.0, "step with which a velocity is looked at closer, pixels a second", gt=0)
 
 
 class Patch(NamedTuple):

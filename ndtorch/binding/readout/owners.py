@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import torch
-from pydantic import Field
 from torch import Tensor
 
 from ndtorch.arguments import check_tensor
@@ -11,66 +10,66 @@ from ndtorch.binding.covariance import CovarianceState, RunningCovariances
 from ndtorch.binding.learning import settled
 from ndtorch.binding.normalise import group_max, over_groups
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.config import Constants
+from ndtorch.config import Constants, constant
 from ndtorch.errors import InputError
 
 
 class OwnerCriteria(Constants):
     """What an owner must be."""
 
-    strength: float = Field(0.35, ge=0, description="owner: its deviation as a share of the largest,")
-    kept: float = Field(0.55, ge=0, description="and of its own input's,")
-    faint: float = Field(0.05, ge=0, description="and its smallest, where fluctuations of a group are around 1,")
-    rough: float = Field(0.15, ge=0, description="its largest roughness (of samples 10 ms apart),")
-    alike: float = Field(0.6, ge=-1, le=1, description="and largest correlation with a stronger owner")
-    smallest: float = Field(1 / 3, ge=0, description="share of its group's largest that makes a feature")
+    strength: float = constant(0.35, "owner: its deviation as a share of the largest,", ge=0)
+    kept: float = constant(0.55, "and of its own input's,", ge=0)
+    faint: float = constant(0.05, "and its smallest, where fluctuations of a group are around 1,", ge=0)
+    rough: float = constant(0.15, "its largest roughness (of samples 10 ms apart),", ge=0)
+    alike: float = constant(0.6, "and largest correlation with a stronger owner", ge=-1, le=1)
+    smallest: float = constant(1 / 3, "share of its group's largest that makes a feature", ge=0)
 
 
 class SourceCriteria(Constants):
     """When sources found by delays are believed, and how they are looked for."""
 
-    most_sources: int = Field(6, gt=0, le=10, description="largest number of sources")
-    gap: float = Field(0.02, ge=0, description="difference of delay profiles that tells two sources apart")
-    even: float = Field(0.65, ge=0, description="evenness of colors and orientations of light that changes everywhere,")
-    moving: float = Field(0.35, ge=0, description="if it has less than this share of the largest motion")
-    absent: float = Field(0.1, ge=0, description="and no color or orientation is one below this share of its largest")
-    sweeps: int = Field(12, gt=0, description="rounds of rotations at most,")
-    enough: float = Field(1e-6, ge=0, description="and their largest angle in radians that ends them")
+    most_sources: int = constant(6, "largest number of sources", gt=0, le=10)
+    gap: float = constant(0.02, "difference of delay profiles that tells two sources apart", ge=0)
+    even: float = constant(0.65, "evenness of colors and orientations of light that changes everywhere,", ge=0)
+    moving: float = constant(0.35, "if it has less than this share of the largest motion", ge=0)
+    absent: float = constant(0.1, "and no color or orientation is one below this share of its largest", ge=0)
+    sweeps: int = constant(12, "rounds of rotations at most,", gt=0)
+    enough: float = constant(1e-6, "and their largest angle in radians that ends them", ge=0)
 
 
 class SumCriteria(Constants):
     """When a direction of the sums holds a source: eigenvalues of the covariance at the shortest delay."""
 
-    faintest: float = Field(3e-4, ge=0, description="share of the largest, of orientations and colors,")
-    crowd: int = Field(4, gt=0, le=6, description="from so many sources on motion is counted too,")
-    apart: float = Field(4.0, ge=0, description="the last of these against the weakest direction,")
-    alone: float = Field(30.0, ge=1, description="or the weakest but one against the weakest, if that is quiet,")
-    least_alone: float = Field(1e-4, ge=0, description="with this share of the largest; the third weakest likewise,")
-    crowded: float = Field(0.0065, ge=0, description="share of the largest where motion is counted,")
-    colored: float = Field(2.3, ge=0, description="and more than this times the mean of the three weakest,")
-    white: float = Field(0.25, ge=0, description="and this share of the same without delay")
-    clear: float = Field(4.0, ge=0, description="the largest against the three weakest, or all is noise")
-    left: float = Field(0.1, ge=0, description="power lately against that of its memory, of what has left")
-    least: float = Field(0.01, ge=0, description="deviation against the level, or nothing fluctuates")
-    doubtful: float = Field(2e-3, ge=0, description="share of the largest of a further source beside two of one rate")
-    lit: float = Field(0.012, ge=0, description="sine of the angle between even light and the sources: it is one,")
-    unmoved: float = Field(0.1, ge=0, description="if its share of the largest motion is below this")
-    moved: float = Field(0.115, ge=0, description="share of the largest motion without a source that makes one more,")
-    elsewhere: float = Field(0.03, ge=0, description="the same another way than all sources move,")
-    quiet: float = Field(5e-4, ge=0, description="where noise is less than this share of the largest")
-    covered: float = Field(
-        8.0, ge=1, description="times the median, in a second, of what orientations hold beside colors: it is left out,"
+    faintest: float = constant(3e-4, "share of the largest, of orientations and colors,", ge=0)
+    crowd: int = constant(4, "from so many sources on motion is counted too,", gt=0, le=6)
+    apart: float = constant(4.0, "the last of these against the weakest direction,", ge=0)
+    alone: float = constant(30.0, "or the weakest but one against the weakest, if that is quiet,", ge=1)
+    least_alone: float = constant(1e-4, "with this share of the largest; the third weakest likewise,", ge=0)
+    crowded: float = constant(0.0065, "share of the largest where motion is counted,", ge=0)
+    colored: float = constant(2.3, "and more than this times the mean of the three weakest,", ge=0)
+    white: float = constant(0.25, "and this share of the same without delay", ge=0)
+    clear: float = constant(4.0, "the largest against the three weakest, or all is noise", ge=0)
+    left: float = constant(0.1, "power lately against that of its memory, of what has left", ge=0)
+    least: float = constant(0.01, "deviation against the level, or nothing fluctuates", ge=0)
+    doubtful: float = constant(2e-3, "share of the largest of a further source beside two of one rate", ge=0)
+    lit: float = constant(0.012, "sine of the angle between even light and the sources: it is one,", ge=0)
+    unmoved: float = constant(0.1, "if its share of the largest motion is below this", ge=0)
+    moved: float = constant(0.115, "share of the largest motion without a source that makes one more,", ge=0)
+    elsewhere: float = constant(0.03, "the same another way than all sources move,", ge=0)
+    quiet: float = constant(5e-4, "where noise is less than this share of the largest", ge=0)
+    covered: float = constant(
+        8.0, "times the median, in a second, of what orientations hold beside colors: it is left out,", ge=1
     )
-    beside: float = Field(3e-4, ge=0, description="if this is more than so large a share of the orientations")
-    motion_residual: float = Field(
-        0.015, ge=0, description="share of motion beside products of colors where sources are more than colors"
+    beside: float = constant(3e-4, "if this is more than so large a share of the orientations", ge=0)
+    motion_residual: float = constant(
+        0.015, "share of motion beside products of colors where sources are more than colors", ge=0
     )
-    quietest: float = Field(0.5, gt=0, le=1, description="share of the seconds with least beside the colors,")
-    lasting: float = Field(0.85, ge=0, description="in which a source holds this share of what it holds in all,")
-    least_lasting: float = Field(3e-6, ge=0, description="and this share of the orientations;")
-    same_color_residual: float = Field(0.035, ge=0, description="the same beside sources of one or two colors")
-    surprise: float = Field(40.0, gt=0, description="times more power than known that makes a new scene,")
-    seen_for: float = Field(1.5, ge=0, description="which is believed when it was seen for this long")
+    quietest: float = constant(0.5, "share of the seconds with least beside the colors,", gt=0, le=1)
+    lasting: float = constant(0.85, "in which a source holds this share of what it holds in all,", ge=0)
+    least_lasting: float = constant(3e-6, "and this share of the orientations;", ge=0)
+    same_color_residual: float = constant(0.035, "the same beside sources of one or two colors", ge=0)
+    surprise: float = constant(40.0, "times more power than known that makes a new scene,", gt=0)
+    seen_for: float = constant(1.5, "which is believed when it was seen for this long", ge=0)
 
 
 REFERENCE = 0.01
