@@ -147,6 +147,9 @@ CASES = {
         calibrate void void --columns 1
         calibrate void void --square-mm 0
         cameras nowhere.mp4 nowhere.mp4
+        cameras a b --rate 25 => --rate is now --fps
+        cameras a b --exposure=5 => --exposure is now --exposure-ms
+        cameras a b --tolerance 5 => --tolerance is now --tolerance-ms
     """,
     "Training, scores and sweeps": """
         first-stage --gamma 0

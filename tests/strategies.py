@@ -1,4 +1,4 @@
-"""Ways to cut a run into chunks, shared by the tests."""
+"""Numbers, and ways to cut a run into chunks, shared by the tests."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from typing import Any
 import torch
 from hypothesis import strategies as st
 from torch import Tensor, nn
+
+
+def noise(*shape: int, seed: int = 0) -> Tensor:
+    """Numbers in 0..1, float64, the same every time."""
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
 @st.composite

@@ -119,42 +119,16 @@ NAVIGATION: dict[str, Case] = {
     "StereoRanging left": ("left|frames", lambda x: navigation.StereoRanging(RIG, DT)(x, eyes()), eyes),
     "StereoRanging right": ("right|frames", lambda x: navigation.StereoRanging(RIG, DT)(eyes(), x), eyes),
     "DeadReckoning speed": ("speed", lambda x: navigation.DeadReckoning(DT)(x, torch.zeros(2)), lambda: signals(2)),
-    "DeadReckoning curvature": (
-        "curvature",
-        lambda x: navigation.DeadReckoning(DT)(torch.zeros(2), x),
-        lambda: signals(2),
-    ),
-    "GridMap ranges": (
-        "ranges.x",
-        lambda x: navigation.GridMap(RIG, navigation.Grid(cell=0.5))(ranges(x), pose()),
-        lambda: ranges().x,
-    ),
-    "GridMap pose": (
-        "pose.x",
-        lambda x: navigation.GridMap(RIG, navigation.Grid(cell=0.5))(ranges(), pose(x)),
-        lambda: torch.zeros(2),
-    ),
-    "ObservationList ranges": (
-        "ranges.x",
-        lambda x: navigation.ObservationList(DT)(ranges(x), pose()),
-        lambda: ranges().x,
-    ),
-    "ObservationList pose": (
-        "pose.x",
-        lambda x: navigation.ObservationList(DT)(ranges(), pose(x)),
-        lambda: torch.zeros(2),
-    ),
-    "AlphaBetaTracker ranges": (
-        "ranges.x",
-        lambda x: navigation.AlphaBetaTracker(DT)(ranges(x), pose()),
-        lambda: ranges().x,
-    ),
-    "AlphaBetaTracker pose": (
-        "pose.x",
-        lambda x: navigation.AlphaBetaTracker(DT)(ranges(), pose(x)),
-        lambda: torch.zeros(2),
-    ),
+    "DeadReckoning bend": ("curvature", lambda x: navigation.DeadReckoning(DT)(torch.zeros(2), x), lambda: signals(2)),
 }
+MAPS: dict[str, Callable[[], Any]] = {
+    "GridMap": lambda: navigation.GridMap(RIG, navigation.Grid(cell=0.5)),
+    "ObservationList": lambda: navigation.ObservationList(DT),
+    "AlphaBetaTracker": lambda: navigation.AlphaBetaTracker(DT),
+}
+for _name, _make in MAPS.items():
+    NAVIGATION[f"{_name} ranges"] = ("ranges.x", lambda x, make=_make: make()(ranges(x), pose()), lambda: ranges().x)
+    NAVIGATION[f"{_name} pose"] = ("pose.x", lambda x, make=_make: make()(ranges(), pose(x)), lambda: torch.zeros(2))
 ALLOWED = {("InhibitoryNetwork initial", "None"), ("solutions", "int64"), ("solutions", "bool")}
 """What some of them can use."""
 PARTS = {**VISION, **BINDING, **NAVIGATION}

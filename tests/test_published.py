@@ -77,13 +77,6 @@ def test_two_bars_at_every_phase_that_tells_them_apart(bars: Bars) -> None:
     assert found == {phase: ["red", "green"] for phase in phases}
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("phase", [45, 120, 210, 315])
-def test_rendered_bars_at_some_of_those_phases(films: Films, phase: int) -> None:
-    model, state = learn(films(two_bars, phase=float(phase)))
-    assert [thing.neuron for thing in model.objects(state)] == ["red", "green"]
-
-
 def test_bars_in_phase_are_not_claimed_to_be_two_objects(bars: Bars) -> None:
     stimuli = Stimuli(bars)
     model, state = learn(stimuli.red(19.0) + stimuli.green([0.0], 19.0)[0])

@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 import pytest
 from pydantic import BaseModel
 
-from ndtorch.cli.commands import GROUP, main
+from ndtorch.cli.commands import GROUP
 from ndtorch.errors import InputError
 from ndtorch_robot.calibration.model import Calibration
 from ndtorch_robot.cameras.source import CameraSettings
@@ -91,19 +91,6 @@ def test_keys_of_hardware_end_in_their_unit(table: type[BaseModel], name: str) -
     assert len(found) > 4
     bare = [(t, key) for t, key in found if not key.endswith(ENDINGS)]
     assert [(t, key) for t, key in bare if key not in WITHOUT.get(t, "").split()] == []
-
-
-@pytest.mark.parametrize(
-    ("words", "now"),
-    [
-        (["cameras", "a", "b", "--rate", "25"], "--rate is now --fps"),
-        (["cameras", "a", "b", "--exposure=5"], "--exposure is now --exposure-ms"),
-        (["cameras", "a", "b", "--tolerance", "5"], "--tolerance is now --tolerance-ms"),
-    ],
-)
-def test_an_old_name_is_told_with_the_new_one(words: list[str], now: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(words) == 2
-    assert capsys.readouterr().err == f"error: {now}\n"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""StepTimer things in turn, so that whatever else the machine does hits all of them alike.
+"""Times things in turn, so that whatever else the machine does hits all of them alike.
 
 Times are those of the processor in this thread: waiting for it does not count.
 """

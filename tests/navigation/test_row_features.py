@@ -158,19 +158,6 @@ def test_one_to_one():
     assert match_features(left, right, MatchParams(one_to_one=False)).valid.tolist() == [True, True]
 
 
-@settings(max_examples=50, deadline=None)
-@given(st.integers(0, 10_000))
-def test_matches_properties(seed):
-    row, motion = rows(seed, 2, 640)
-    found = find_features(row, motion)
-    ours, theirs = (Features(*(part[k] for part in found)) for k in (0, 1))
-    matches = match_features(ours, theirs)
-    disparity = (matches.left - matches.right)[matches.valid]
-    assert ((disparity > 60) & (disparity < 200)).all()
-    partners = matches.right[matches.valid].tolist()
-    assert len(partners) == len(set(partners))
-
-
 def bumps(places, width=80, heights=(0.5, 0.4, 0.3)):
     motion = torch.zeros(width)
     for place, height in zip(places, heights, strict=False):

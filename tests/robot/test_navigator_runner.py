@@ -26,15 +26,6 @@ def pose(runner):
     return tuple(float(value) for value in runner.state.pose)
 
 
-def test_a_step_goes_on():
-    frames = moving_world(40, RIG)
-    runner = pilot_on_its_way(frames)
-    before = pose(runner)
-    runner.step(next(frames), DRIVEN)
-    assert pose(runner)[0] > before[0]
-    assert pose(runner)[2] == pytest.approx(before[2] + 0.5 * 0.2 / 30, abs=1e-6)
-
-
 @pytest.mark.parametrize("placed", [None, (1.0, -2.0, 0.5)])
 def test_after_a_gap_it_compares_with_nothing_and_keeps_the_map(placed):
     frames = moving_world(40, RIG)

@@ -4,23 +4,15 @@ from __future__ import annotations
 
 import torch
 
-from ndtorch.scenes import FrameSource, three_bars
-from ndtorch.vision import GROUPS, VisualFeatures
+from ndtorch.scenes import three_bars
+from ndtorch.vision import GROUPS
 from ndtorch_train.superposed import Bars, Stimuli
-
-
-def rendered(scene: FrameSource) -> torch.Tensor:
-    features, state, sums = VisualFeatures(scene.size, 1 / scene.fps), None, []
-    with torch.inference_mode():
-        for frames in scene.chunks(8):
-            out, state = features(frames, state)
-            sums.append(out)
-    return torch.cat(sums)
+from tests.films import sums_of
 
 
 def test_superposed_sums_are_those_of_the_rendered_scene(bars: Bars) -> None:
     """At a phase and offset that were never filmed; after the filters have settled."""
-    want = rendered(three_bars(3.6, phase=77.0, blue_offset=33.0))[300:]
+    want = sums_of(three_bars(3.6, phase=77.0, blue_offset=33.0))[300:]
     stimuli = Stimuli(bars)
     got = stimuli.red(3.6) + stimuli.green([77.0], 3.6)[0] + stimuli.blue([33.0], 3.6)[0]
     error = (got[300:] - want).abs().amax(0) / want.amax()

@@ -85,8 +85,8 @@ def alive() -> int:
     return sum(held.values()) + tracemalloc.get_traced_memory()[0]
 
 
-class LinkQuality(FrameSource):
-    """LinkQuality that is new in every frame; every so many frames one more is kept, if wanted."""
+class Noise(FrameSource):
+    """Noise that is new in every frame; every so many frames one more is kept, if wanted."""
 
     name, fps, size, length = "noise", 25.0, (96, 96), 144
 
@@ -101,7 +101,7 @@ class LinkQuality(FrameSource):
             yield chunk
 
 
-def growth(source: LinkQuality) -> float:
+def growth(source: Noise) -> float:
     """What is held after 144 frames more than after 48, in frames of one byte a pixel and color."""
     marks: list[int] = []
     seen = 0
@@ -128,8 +128,8 @@ def test_no_frame_is_kept() -> None:
 
     Without pictures: up to twenty frames are kept of the moments at which objects stood out.
     """
-    assert growth(LinkQuality()) < 5
-    assert growth(LinkQuality(keep=8)) > 11
+    assert growth(Noise()) < 5
+    assert growth(Noise(keep=8)) > 11
 
 
 @pytest.mark.long

@@ -10,11 +10,7 @@ from numpy.testing import assert_allclose
 
 from ndtorch.vision import FEATURES, GROUPS, HassensteinReichardt, OrientedDoG, VisualFeatures
 from ndtorch.vision.motion import BORDERS, Border
-from tests.strategies import in_chunks
-
-
-def noise(*shape: int, seed: int = 0) -> torch.Tensor:
-    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+from tests.strategies import in_chunks, noise
 
 
 def test_names_and_groups() -> None:

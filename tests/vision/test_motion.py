@@ -9,12 +9,9 @@ from numpy.testing import assert_allclose
 
 from ndtorch.vision import HassensteinReichardt
 from ndtorch.vision.motion import BORDERS, Border
+from tests.strategies import noise
 
 LEFT, RIGHT, DOWN, UP = range(4)
-
-
-def noise(*shape: int, seed: int = 0) -> torch.Tensor:
-    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
 def reference(frames: np.ndarray, dt: float, tau_high: float, tau_low: float, border: str) -> np.ndarray:

@@ -13,10 +13,7 @@ from scipy.ndimage import gaussian_filter
 from ndtorch.scenes import moving_bar
 from ndtorch.vision import ANGLES, OrientedDoG, dog_spectrum
 from ndtorch.vision.motion import BORDERS, Border
-
-
-def noise(*shape: int, seed: int = 0) -> torch.Tensor:
-    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+from tests.strategies import noise
 
 
 def kernel(size: int, degrees: float) -> np.ndarray:

@@ -12,13 +12,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.vision import Resample, ResampleState
-from tests.strategies import chunkings, in_chunks
+from tests.strategies import chunkings, in_chunks, noise
 
 RATES = st.one_of(st.floats(5, 240), st.sampled_from([12.5, 24, 25, 30, 29.97, 50, 60, 100, 120, 240]))
-
-
-def noise(*shape: int) -> torch.Tensor:
-    return torch.rand(*shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
 
 
 @settings(max_examples=60, deadline=None)

@@ -15,11 +15,7 @@ from scipy.signal import lfilter
 from ndtorch.vision import HighPass, LowPass, RunningMax
 from ndtorch.vision.blocks import BlockLowPass, low_pass
 from ndtorch.vision.temporal import corrected, predicted
-from tests.strategies import chunkings
-
-
-def noise(*shape: int, seed: int = 0) -> torch.Tensor:
-    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+from tests.strategies import chunkings, noise
 
 
 def low_passed(x: np.ndarray, tau: float, dt: float) -> np.ndarray:

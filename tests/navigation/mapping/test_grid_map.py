@@ -1,4 +1,4 @@
-"""The grid map, the log-odds map, and large grids in tiles."""
+"""The grid map, the log-odds map, large grids in tiles, and the observation list."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid, GridMap, Pose, Ranges, StereoRig
+from ndtorch.navigation import Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import certainty
 from ndtorch.navigation.mapping.tiles import SIDE, add_at, cell_tables, check_tiles, empty_tiles
 from ndtorch.navigation.odometry import to_body
@@ -173,3 +173,17 @@ def test_tiles_hold_floating_point_numbers() -> None:
             check_tiles("state", empty_tiles((), SIDE, SIDE, torch.zeros(1, dtype=kind)), (), SIDE, SIDE)
     with pytest.raises(InputError, match="state must be a Tiles"):
         check_tiles("state", torch.zeros(SIDE, SIDE), (), SIDE, SIDE)  # type: ignore[arg-type]
+
+
+def test_list_keeps_the_newest_and_forgets():
+    module = ObservationList(dt=0.5, capacity=4, lifetime=2.0)
+    state = None
+    for t in range(3):
+        seen, state = module(ranges_of([[[1.0 + t, 0.0], [1.0, 1.0]]]), poses([0.0, 0.0, 0.0]), state)
+    assert seen.x.tolist() == [3.0, 1.0, 2.0, 1.0]
+    wanted = [1.0, 1.0, math.exp(-0.25), math.exp(-0.25)]
+    assert seen.weight.tolist() == pytest.approx(wanted)
+    turned, _ = module(ranges_of([[[1.0, 0.0]]], [[False]]), poses([2.0, 3.0, math.pi / 2]))
+    assert (turned.weight == 0).all()
+    assert (float(turned.x[0]), float(turned.y[0])) == pytest.approx((2.0, 4.0))
+    assert turned.seen_from[0].tolist() == pytest.approx([2.0, 3.0, math.pi / 2])

@@ -12,17 +12,8 @@ MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
 PICTURES = ["map.png", "path.png", "rows.png", "speeds.png"]
 FILES = [*MAPS, "path.png", "report.html", "rows.png", "speeds.png", "summary.json"]
 KEYS = {
-    "collisions",
-    "stopped",
-    "simulated_seconds",
-    "wall_seconds",
-    "distance_m",
-    "turns",
-    "step_ms",
-    "map",
-    "arena",
-    "seed",
-    "controller",
+    *("collisions", "stopped", "simulated_seconds", "wall_seconds", "distance_m", "turns"),
+    *("step_ms", "map", "arena", "seed", "controller"),
 }
 
 

@@ -44,17 +44,22 @@ def copies_of(image):
     return copies
 
 
-@pytest.mark.parametrize("size", [(16, 16), (13, 22), (1, 5)])
-def test_mipmaps(size):
-    image = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
-    wanted = copies_of(image)
-    copies = np.zeros((8, 3), np.int32)
-    start = 0
-    for k, copy in enumerate(wanted):
+def packed(image, levels):
+    """Texels of an image and its smaller copies, and where each begins, its width and its height."""
+    copies, start = np.zeros((8, 3), np.int32), 0
+    for k, copy in enumerate(levels):
         copies[k] = (start, copy.shape[1], copy.shape[0])
         start += (copy.shape[0] + 2) * (copy.shape[1] + 2)
     texels = np.zeros(start, np.uint32)
     build_mipmaps(image.reshape(-1), copies, texels)
+    return texels, copies
+
+
+@pytest.mark.parametrize("size", [(16, 16), (13, 22), (1, 5)])
+def test_mipmaps(size):
+    image = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
+    wanted = copies_of(image)
+    texels, copies = packed(image, wanted)
     for (start, wide, high), copy in zip(copies.tolist(), wanted, strict=False):
         got = texels[start : start + (wide + 2) * (high + 2)].reshape(high + 2, wide + 2)
         bordered = np.pad(copy, ((1, 1), (1, 1), (0, 0)), "wrap")
@@ -92,12 +97,7 @@ def test_random_triangles_against_rays():
     rng = np.random.default_rng(3)
     image = rng.integers(0, 256, (16, 24, 3), dtype=np.uint8)
     levels = copies_of(image)
-    copies, start = np.zeros((1, 8, 3), np.int32), 0
-    for k, copy in enumerate(levels):
-        copies[0, k] = (start, copy.shape[1], copy.shape[0])
-        start += (copy.shape[0] + 2) * (copy.shape[1] + 2)
-    texels = np.zeros(start, np.uint32)
-    build_mipmaps(image.reshape(-1), copies[0], texels)
+    texels, copies = packed(image, levels)
     corners = rng.normal(0, 1.5, (40, 3, 5))
     corners[:, :, 0] += 4.5
     surface = np.where(np.arange(40) % 4 == 0, -1 - 0x30A0F0, 0).astype(np.int32)
@@ -105,7 +105,7 @@ def test_random_triangles_against_rays():
     camera = projection(view, LENS)
     out = np.zeros((60 * 96, 3), np.uint8)
     parts = np.array([[0, 0, 60, 0, 96, 0]])
-    rasterise(corners, surface, texels, copies, np.array([camera]), parts, (0.02, 60.0), out)
+    rasterise(corners, surface, texels, copies[None], np.array([camera]), parts, (0.02, 60.0), out)
     drawn, compared, background = out.reshape(60, 96, 3).astype(float), 0, 0
     for row in range(2, 58, 6):
         for column in range(2, 94, 6):

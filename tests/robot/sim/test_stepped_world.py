@@ -1,6 +1,8 @@
 """The firmware of the board in simulated time: deadlines, the change of direction, and frames that are lost."""
 
+import itertools
 import shutil
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,18 +16,14 @@ from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
 
 
+def speak(board, numbers, now, *kinds):
+    return board.run(now, b"".join(encode_frame(Frame(1, kind, next(numbers), body)) for kind, body in kinds))
+
+
 @needs_compiler
 def test_the_board_obeys_and_stands_when_it_is_not_spoken_to():
-    board, sequence = FirmwareHost(), 0
-
-    def say(now, *kinds):
-        nonlocal sequence
-        data = b""
-        for kind, body in kinds:
-            sequence += 1
-            data += encode_frame(Frame(1, kind, sequence, body))
-        return board.run(now, data)
-
+    board = FirmwareHost()
+    say = partial(speak, board, itertools.count(1))
     answers, _ = say(0.002, (Type.HELLO, b""))
     assert [frame.type for frame in Parser().feed(answers)] == [Type.WELCOME]
     say(0.004, (Type.HEARTBEAT, b""), (Type.ARM, b""))
@@ -45,15 +43,10 @@ def test_the_board_obeys_and_stands_when_it_is_not_spoken_to():
 @needs_compiler
 def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
     """A motor controller may take a brake that begins again for reverse."""
-    board, electronics, sequence = FirmwareHost(), Electronics(), 0
+    board, electronics, numbers = FirmwareHost(), Electronics(), itertools.count(1)
 
     def say(now, *kinds):
-        nonlocal sequence
-        data = b""
-        for kind, body in kinds:
-            sequence += 1
-            data += encode_frame(Frame(1, kind, sequence, body))
-        answers, pulses = board.run(now, data)
+        answers, pulses = speak(board, numbers, now, *kinds)
         for pulse in pulses:
             electronics.apply(pulse)
         told = [read_telemetry(f.body).applied.speed for f in Parser().feed(answers) if f.type == Type.TELEMETRY]

@@ -57,23 +57,8 @@ def test_the_command_scores_pairs(tmp_path: Path, capsys: pytest.CaptureFixture[
     write_pair(tmp_path / "pairs" / "right")
     write_pair(tmp_path / "pairs" / "wrong", disparity=2 * SHIFT)
     out = tmp_path / "out"
-    assert (
-        main(
-            [
-                "benchmark",
-                "ranges",
-                str(tmp_path / "pairs"),
-                "--disparities",
-                "8",
-                "48",
-                "--jobs",
-                "1",
-                "--out",
-                str(out),
-            ]
-        )
-        == 0
-    )
+    words = f"benchmark ranges {tmp_path / 'pairs'} --disparities 8 48 --jobs 1 --out {out}"
+    assert main(words.split()) == 0
     with (out / "ranges.csv").open() as file:
         rows = {(row["case"], row["method"]): row for row in csv.DictReader(file)}
     assert len(rows) == 2 * len(CONDITIONS) * 3

@@ -29,20 +29,8 @@ def test_the_truth_of_the_papers_bars() -> None:
 
 def test_the_command_writes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    words = [
-        "benchmark",
-        "scenes",
-        "--methods",
-        "scale-free",
-        "greedy",
-        "--scenes",
-        "3",
-        "--seconds",
-        "2",
-        "--jobs",
-        "1",
-    ]
-    assert main([*words, "--out", str(out), "--json"]) == 0
+    words = f"benchmark scenes --methods scale-free greedy --scenes 3 --seconds 2 --jobs 1 --out {out} --json"
+    assert main(words.split()) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["method"], row["seconds"]) for row in rows] == [("scale-free", 2), ("greedy", 2)]
     assert "| random | scale-free | yes | 2 |" in (out / "scenes.md").read_text(encoding="utf-8")
@@ -54,7 +42,7 @@ def test_the_command_writes_a_table(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_f1_gives_objects_to_bars_as_fits_best() -> None:
     truth = features("1100000100", "0011000010")
     assert feature_f1(truth[[1, 0]], truth).tolist() == [1.0, 1.0]
-    # One object for two bars: the other bar has 0. Two of three features_too right, one wrong: F1 = 2/3.
+    # One object for two bars: the other bar has 0. Two of three features right, one wrong: F1 = 2/3.
     assert feature_f1(features("1000100100"), truth).tolist() == pytest.approx([2 / 3, 0.0])
     assert feature_f1(truth[:0], truth).tolist() == [0.0, 0.0]
 
