@@ -17,13 +17,13 @@ from ndtorch.report.exports.source_tracks import Placed
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.foreground.passing_scenes import ground
 
-SIZE = (1080, 1920)
-SIDE, TOP, FIRST, STEP = 200, 420, 20, 25
+SIZE = (540, 960)
+SIDE, TOP, FIRST, STEP = 100, 210, 20, 12
 FRAMES = 70
 
 
 def picture(number: int) -> torch.Tensor:
-    """A red square of 200 pixels comes in from the left in frame 20, in a picture that the model sees reduced."""
+    """A red square of 100 pixels comes in from the left in frame 20, in a picture that the model sees reduced."""
     wide = torch.nn.functional.interpolate(ground()[None], SIZE, mode="bilinear")[0]
     if number >= FIRST:
         left = STEP * (number - FIRST)
@@ -73,7 +73,7 @@ def test_boxes_fit_in_the_frames_that_a_reader_counts(run: tuple[Path, list[str]
     # At first only its leading edge is seen.
     inside = [row for row in rows if FIRST + 15 < row[0] <= FRAMES]
     assert len(inside) >= FRAMES - FIRST - 17
-    # The mean of two frames of the quick film is wider by one step: 200 of 225 pixels.
+    # The mean of two frames of the quick film is wider by one step: 100 of 112 pixels.
     assert np.mean([overlap(row[2:6], true_box(int(row[0]))) for row in inside]) > 0.8
 
 
@@ -90,8 +90,8 @@ def test_pycocotools_reads_boxes_and_masks(run: tuple[Path, list[str] | None]) -
             continue  # it comes in, and a mask that is moved with it is cut by the edge
         rows, columns = np.nonzero(mask)
         left, top, width, height = one["bbox"]
-        assert (columns.min(), rows.min()) == pytest.approx((left, top), abs=20)
-        assert (np.ptp(columns), np.ptp(rows)) == pytest.approx((width, height), abs=30)
+        assert (columns.min(), rows.min()) == pytest.approx((left, top), abs=12)
+        assert (np.ptp(columns), np.ptp(rows)) == pytest.approx((width, height), abs=18)
 
 
 def test_the_film_of_masks_has_every_frame_in_its_size(run: tuple[Path, list[str] | None]) -> None:
