@@ -13,8 +13,7 @@ from torch import Tensor
 from ndtorch.arguments import as_device
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.errors import InputError
-from ndtorch.tracking.clutter import Births
-from ndtorch.tracking.track import TrackTable
+from ndtorch.tracking.track import Rows, TrackTable
 from ndtorch.utils.files import read_tensors, save_tensors
 from ndtorch.utils.tensors import leaves, mapped, parts
 
@@ -78,7 +77,7 @@ def example_state(model: BindingModel) -> Any:
 
 def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:
     """A tuple like the example, of the tensors whose names begin with the prefix."""
-    ragged, values = isinstance(example, TrackTable | Births), list[Any]()
+    ragged, values = isinstance(example, TrackTable | Rows), list[Any]()
     for name, part in parts(example):
         whole = prefix + name
         if isinstance(part, Tensor):

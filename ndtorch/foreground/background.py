@@ -10,7 +10,7 @@ import numpy as np
 
 from ndtorch.config import Constants, constant
 from ndtorch.foreground._kernels import LearningRates, learn
-from ndtorch.foreground.arrays import Floats, aligned, aligned_copy
+from ndtorch.foreground.arrays import Bools, Floats, aligned, aligned_copy
 from ndtorch.vision.temporal import smoothing_factor as checked_smoothing_factor
 
 smoothing_factor = cache(checked_smoothing_factor)
@@ -177,6 +177,14 @@ def update_background(
         outlier_limit=OUTLIER_LIMIT,
     )
     learn(image, noise, kept, model.mean, model.deviation, model.static_time, model.initialised, rates)
+
+
+def replace_background(model: BackgroundModel, image: Floats, ghost: Bools) -> None:
+    """An image becomes background where an object was that has left, `[h, w]`, and around it."""
+    import cv2
+
+    wide = cv2.dilate(ghost.astype(np.uint8), np.ones((3, 3), np.uint8))
+    np.copyto(model.mean, image, where=np.asarray(wide) > 0)
 
 
 def noise_share(frames: int, dt: float, p: BackgroundParams) -> float:

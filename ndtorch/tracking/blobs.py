@@ -45,7 +45,7 @@ def detect_blobs(
     learning: BackgroundParams,
     p: TrackingParams,
 ) -> tuple[Blobs, Bools | None]:
-    """Blobs of a foreground mask, and the ghosts that were removed from it, dilated, `[h, w]`; None without any.
+    """Blobs of a foreground mask, and the ghosts that were removed from it, `[h, w]`; None without any.
 
     Args:
         tracks: followed so far.
@@ -53,24 +53,21 @@ def detect_blobs(
         moving: 1 for such numbers of objects that move: plain parts of them do not change, and are no ghosts.
         learning: constants of the background model.
     """
-    import cv2
-
     mask, pixels = seen.mask, seen.mask.size
     smallest = p.min_area_ratio * pixels
     where = np.flatnonzero(mask)
     static = background.static_time.ravel()[where] >= np.float32(learning.static_after_s)
     few = int((static & (moving[labels.ravel()[where]] == 0)).sum())
-    ghost, wide = None, None
+    ghost = None
     # Mostly next to nothing is static, and components are dear. So few pixels enclose no more.
     if few * (few / 4 + 1) >= smallest:
         free = mask & (moving[labels] == 0)
         still = background.static_time >= learning.static_after_s
         ghost = ghosts(free, still, seen.grey, seen.background, smallest)
     if ghost is not None:
-        wide = np.asarray(cv2.dilate(ghost.astype(np.uint8), np.ones((3, 3), np.uint8))) > 0
         mask = mask & ~ghost
     found = connected_components(mask, min(p.min_area_isolated_ratio, p.min_area_ratio) * pixels, p.closing_px)
-    return drop_fragments(split_blobs(found, p.split_notch_ratio, smallest), tracks, time, p), wide
+    return drop_fragments(split_blobs(found, p.split_notch_ratio, smallest), tracks, time, p), ghost
 
 
 def connected_components(mask: Bools, smallest: float, gap: int) -> Blobs:

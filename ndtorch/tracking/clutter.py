@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,12 +31,6 @@ MIN_COUNT = 4
 """Fewer particles than this are none."""
 BIRTH = 5
 """Numbers kept of a birth: track, time, row and column, and the root of its pixels."""
-
-
-class Births(NamedTuple):
-    """Tracks that began lately: `rows` is `[N, 5]` float64, see `BIRTH`; N depends on the run."""
-
-    rows: Any
 
 
 def empty_clutter_map(height: int, width: int) -> Floats:

@@ -19,6 +19,8 @@ column by which it is followed."""
 BOX, PIXELS, PLACE = slice(3, 7), 7, slice(8, 10)
 MAX_PATH = 2048
 """A track keeps fewer detections than this: the earlier half of so many is closed."""
+MAX_WAITED_S = 600.0
+"""What stood from the first frame on is reported for at most so many seconds before it left."""
 PATCH = 12
 """Rows and columns of the kept appearance of a track."""
 MOVED_SIZES = 0.5
@@ -54,6 +56,9 @@ class TrackTable(NamedTuple):
         contrast_sum: contrast in deviations of the noise, and shadow_sum: share that may be a narrow shadow, sums over
             the detections of tentative tracks, `[N]` float64.
         confirmed_at: time at which it was first confirmed, -1 before, `[N]` float64.
+        passed_at: time at which an object had been where it began, `[N]` float64.
+        waited: the detection that its ghost stands for: from that time on it stood where the ghost is; without pixels
+            if there is none, `[N, 10]`.
         length: detections of every track, `[N]` int64.
         path: all their detections, track after track, `[P, 10]`, see `DETECTION`.
     """
@@ -75,8 +80,16 @@ class TrackTable(NamedTuple):
     contrast_sum: Any
     shadow_sum: Any
     confirmed_at: Any
+    passed_at: Any
+    waited: Any
     length: Any
     path: Any
+
+
+class Rows(NamedTuple):
+    """A table of the tracker, `[N, K]` float64; N depends on the run."""
+
+    rows: Any
 
 
 @dataclass
@@ -100,6 +113,8 @@ class Track:
     contrast_sum: float
     shadow_sum: float
     confirmed_at: float
+    passed_at: float
+    waited: Numbers
     detections: Numbers
     new_detections: list[tuple[float, ...]] = field(default_factory=list)
 
@@ -107,7 +122,7 @@ class Track:
     def begin(cls, number: int, time: float, place: Numbers) -> Track:
         """A tentative track without detections."""
         two, ten, blank = np.zeros(2), np.zeros(10), np.zeros((3, PATCH, PATCH), np.float32)
-        sums = (ten, ten, np.zeros(4), np.zeros(4), blank, two, 0.0, 0.0, -1.0)
+        sums = (ten, ten, np.zeros(4), np.zeros(4), blank, two, 0.0, 0.0, -1.0, time, np.zeros(DETECTION))
         none = np.zeros((0, DETECTION))
         return cls(number, TrackState.TENTATIVE, two, two, np.zeros(3), place, time, place, *sums, none)
 
@@ -119,9 +134,17 @@ class Track:
         """Forget the earlier half of a path of `MAX_PATH` detections; returns it as a track of this number."""
         if self.count < MAX_PATH:
             return None
-        path, ten = self.path, np.zeros(10)
-        self.detections, self.new_detections = path[MAX_PATH // 2 :].copy(), []
-        return replace(self, inputs=ten, outputs=ten, detections=path[: MAX_PATH // 2], new_detections=[])
+        path, ten, waited = self.path, np.zeros(10), self.waited
+        self.detections, self.new_detections, self.waited = path[MAX_PATH // 2 :].copy(), [], np.zeros(DETECTION)
+        earlier = path[: MAX_PATH // 2]
+        return replace(self, inputs=ten, outputs=ten, waited=waited, detections=earlier, new_detections=[])
+
+    def before(self, dt: float) -> list[list[float]]:
+        """Detections, `dt` seconds apart, for the time for which it waited, at most `MAX_WAITED_S`."""
+        if not self.waited[PIXELS]:
+            return []
+        steps = int(min(self.first_seen - self.waited[0] + dt / 2, MAX_WAITED_S) / dt)
+        return [[self.first_seen - n * dt, *self.waited[1:].tolist()] for n in range(steps, 0, -1)]
 
     @property
     def is_object(self) -> bool:
@@ -266,6 +289,8 @@ def table_from_tracks(tracks: Sequence[Track]) -> TrackTable:
         contrast_sum=numbers("contrast_sum"),
         shadow_sum=numbers("shadow_sum"),
         confirmed_at=numbers("confirmed_at"),
+        passed_at=numbers("passed_at"),
+        waited=stacked("waited", DETECTION),
         length=np.array([len(path) for path in paths], np.int64),
         path=np.concatenate(paths) if paths else np.zeros((0, DETECTION)),
     )
@@ -278,5 +303,6 @@ def joined_parts(tracks: Sequence[Track]) -> list[Track]:
         parts.setdefault(one.number, []).append(one)
     for number, (*earlier, last) in parts.items():
         path = np.concatenate([one.path for one in (*earlier, last)])
-        parts[number] = [replace(last, detections=path, new_detections=[])]
+        waited = (*earlier, last)[0].waited
+        parts[number] = [replace(last, waited=waited, detections=path, new_detections=[])]
     return [parts[number][0] for number in sorted(parts)]

@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ndtorch.foreground.arrays import Bytes, Floats
+from ndtorch.foreground.arrays import Bools, Bytes, Floats
 from ndtorch.foreground.segmentation import Segmentation
 from ndtorch.tracking.association import Association, assign_unmatched, associate, share_blob
 from ndtorch.tracking.blobs import Blobs
-from ndtorch.tracking.clutter import BIRTH, Births, empty_clutter_map, recent_births, update_clutter_map
+from ndtorch.tracking.clutter import BIRTH, empty_clutter_map, recent_births, update_clutter_map
 from ndtorch.tracking.color_names import WhiteBalance
 from ndtorch.tracking.confirmation import confirm
+from ndtorch.tracking.ghosts import GHOST, recent_ghosts, trace_back
 from ndtorch.tracking.masks import Detection, marked_share, measure_detections, object_mask, share_pixels
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import update_appearance_match
@@ -23,6 +24,7 @@ from ndtorch.tracking.split_merge import resolve_splits
 from ndtorch.tracking.track import (
     MOVED_SIZES,
     PIXELS,
+    Rows,
     Track,
     TrackState,
     TrackTable,
@@ -36,6 +38,8 @@ from ndtorch.tracking.track import (
 
 EDGE = 0.003
 """A box nearer to the edge of the image than this fraction of its height touches it."""
+NEVER_S = -1e6
+"""A time before all others."""
 OCCLUSION_GAIN = 0.3
 """In a shared blob this share of the difference is taken into the place."""
 
@@ -47,14 +51,17 @@ class TrackerState(NamedTuple):
         tracks: that go on.
         labels: number of the track of every pixel plus one, 0 for none, `[h, w]` int32.
         clutter: how many tracks came and went at each place without becoming objects, `[rows, columns]` float32.
-        births: tracks that began lately.
+        births: tracks that began lately, see `BIRTH`; ghosts: those found lately, see `GHOST`.
+        passed: time at which an object, or a ghost, was last at each pixel, long ago if none was, `[h, w]` float32.
         count: tracks begun, int64 scalar.
     """
 
     tracks: TrackTable
     labels: Any
     clutter: Any
-    births: Births
+    births: Rows
+    ghosts: Rows
+    passed: Any
     count: Any
 
 
@@ -75,7 +82,8 @@ class Tracker:
         """Go on from a state."""
         self.tracks, self.count = tracks_from_table(state.tracks), int(state.count)
         # What no step changes is copied: an array of a tensor keeps it alive, and so all states before.
-        self.clutter, self.births = np.asarray(state.clutter).copy(), np.asarray(state.births.rows).copy()
+        self.clutter, self.passed = np.asarray(state.clutter).copy(), np.asarray(state.passed).copy()
+        self.births, self.ghosts = np.asarray(state.births.rows).copy(), np.asarray(state.ghosts.rows).copy()
         self.labels = np.asarray(state.labels)
         self.closed = list[Track]()
 
@@ -83,13 +91,15 @@ class Tracker:
     def start(height: int, width: int, count: int = 0) -> TrackerState:
         """No tracks, for images of so many pixels."""
         labels, clutter = np.zeros((height, width), np.int32), empty_clutter_map(height, width)
-        begun = np.array(count, np.int64)
-        return TrackerState(table_from_tracks([]), labels, clutter, Births(np.zeros((0, BIRTH))), begun)
+        passed = np.full((height, width), NEVER_S, np.float32)
+        births, ghosts = (Rows(np.zeros((0, numbers))) for numbers in (BIRTH, GHOST))
+        return TrackerState(table_from_tracks([]), labels, clutter, births, ghosts, passed, np.array(count, np.int64))
 
     def state(self) -> TrackerState:
         """The present state, which shares the memory."""
         tracks, count = table_from_tracks(self.tracks), np.array(self.count, np.int64)
-        return TrackerState(tracks, self.labels, self.clutter, Births(self.births), count)
+        rows = Rows(self.births), Rows(self.ghosts)
+        return TrackerState(tracks, self.labels, self.clutter, *rows, self.passed, count)
 
     def end_all(self) -> list[Track]:
         """End all tracks, as at a scene cut; returns the objects among them."""
@@ -197,18 +207,36 @@ class Tracker:
             if not one.is_object and large and one.count and is_small(one, width, p):
                 # All before was a fragment of it.
                 one.restart(time, np.array(detection.place))
+            if not one.count:
+                one.passed_at = float(np.quantile(self.passed[self.labels == one.number + 1], 0.25))
             add_detection(one, time, detection, width, p)
             if not one.is_object and not detection.shared:
                 one.contrast_sum += detection.contrast
                 one.shadow_sum += shadow
                 update_appearance_match(one, seen.image, seen.background)
 
+    def trace_back(self, ghost: Bools | None, first: Floats, seen: Segmentation, time: float, seen_for: float) -> None:
+        """Assign ghosts, with those of a mask `[h, w]`, to the objects that they are of.
+
+        Args:
+            first: image of the scene, `[3, h, w]`, and seen: segmentation of this frame.
+            time: seconds, and seen_for: seconds since the scene began.
+        """
+        if ghost is not None:
+            self.ghosts = recent_ghosts(self.ghosts, ghost, first, seen, time)
+            self.passed[ghost] = time
+        if len(self.ghosts):
+            self.ghosts = trace_back(self.ghosts, self.tracks, time - seen_for, time, self.params)
+
     def object_mask(self, time: float, kept: Floats) -> Bytes:
         """1 where objects are, 0 elsewhere, `[h, w]`; `kept` becomes 1 where the background is not learned."""
         width = self.labels.shape[1] / self.labels.shape[0]
         objects = [one.number for one in self.tracks if one.is_object]
         keep = [one.number for one in self.tracks if is_kept_from_background(one, time, width, self.params)]
-        return object_mask(self.labels, objects, keep, self.count, kept)
+        mask = object_mask(self.labels, objects, keep, self.count, kept)
+        if objects:
+            np.copyto(self.passed, np.float32(time), where=mask.view(np.bool_))
+        return mask
 
 
 def add_detection(track: Track, time: float, seen: Detection, across: float, p: TrackingParams) -> None:
@@ -223,7 +251,8 @@ def add_detection(track: Track, time: float, seen: Detection, across: float, p: 
         gap = time - track.last_seen
         # Plain numbers: arrays of two take several times as long.
         there, down, extent = track.expected(time, p.max_prediction_s), track.velocity.tolist(), track.extent.tolist()
-        if seen.shared:
+        standing = track.state == TrackState.STATIONARY
+        if seen.shared or (standing and pixels > p.parent_area_ratio * track.last[PIXELS]):
             pixels, (tall, wide) = track.last[PIXELS], extent
             row, column = there[0] + OCCLUSION_GAIN * (row - there[0]), there[1] + OCCLUSION_GAIN * (column - there[1])
         else:

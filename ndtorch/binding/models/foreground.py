@@ -23,7 +23,13 @@ from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.config import Constants, ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.foreground.arrays import Bytes, Floats, aligned_copy
-from ndtorch.foreground.background import BackgroundModel, BackgroundParams, BackgroundState, update_background
+from ndtorch.foreground.background import (
+    BackgroundModel,
+    BackgroundParams,
+    BackgroundState,
+    replace_background,
+    update_background,
+)
 from ndtorch.foreground.downscale import downscale
 from ndtorch.foreground.segmentation import segment
 from ndtorch.tracking.blobs import detect_blobs
@@ -91,8 +97,10 @@ class ForegroundSignals(NamedTuple):
 
 
 class SegmentationState(NamedTuple):
-    """Background model, where it is not learned `[h, w]`, tracker, and motion detectors: None before any blob."""
+    """First image `[3, h, w]`, background model, where it is not learned `[h, w]`, tracker, and motion detectors: None
+    before any blob."""
 
+    first: Tensor
     background: BackgroundState
     kept: Tensor
     tracker: TrackerState
@@ -135,6 +143,7 @@ class Step(NamedTuple):
 class WorkBuffers:
     """A `SegmentationState` in arrays of its own, which every step of a call changes in place."""
 
+    first: Floats
     background: BackgroundModel
     kept: Floats
     tracker: Tracker
@@ -142,7 +151,7 @@ class WorkBuffers:
 
     def state(self) -> SegmentationState:
         """The state at the end of a call. It shares the memory, which is not changed any more."""
-        state = SegmentationState(self.background.state(), self.kept, self.tracker.state(), self.features)  # type: ignore[arg-type]
+        state = SegmentationState(self.first, self.background.state(), self.kept, self.tracker.state(), self.features)  # type: ignore[arg-type]
         return as_tensors(state)  # type: ignore[no-any-return]
 
 
@@ -270,13 +279,14 @@ class ForegroundModel(BindingModel):
         c = self.config
         tracker = Tracker(Tracker.start(*self.small), self.dt, c.tracking)
         kept = np.zeros(self.small, np.float32)
-        return WorkBuffers(BackgroundModel.start(image, c.background), kept, tracker, None)
+        return WorkBuffers(image.copy(), BackgroundModel.start(image, c.background), kept, tracker, None)
 
     def _resume(self, scene: SegmentationState) -> WorkBuffers:
         """A scene that goes on; the state is left as it is."""
         tracker = Tracker(scene.tracker, self.dt, self.config.tracking)
         features: Any = mapped(scene.features, lambda _, part: aligned_copy(part))  # type: ignore[arg-type, return-value]
-        return WorkBuffers(BackgroundModel.of(scene.background), aligned_copy(scene.kept), tracker, features)
+        background, kept = BackgroundModel.of(scene.background), aligned_copy(scene.kept)
+        return WorkBuffers(aligned_copy(scene.first), background, kept, tracker, features)
 
     def _step(self, image: Floats, work: WorkBuffers, time: float) -> Step:
         """One image `[3, h, w]`; the buffers are changed."""
@@ -295,9 +305,10 @@ class ForegroundModel(BindingModel):
         measured = self.features.measure(seen.image, seen.background, tracker.labels, work.features)
         # What a moving object has just covered must not be learned: at one frame a second that is a tenth of it.
         mask = tracker.object_mask(time, work.kept)
+        tracker.trace_back(ghosts, work.first, seen, time, background.frames * self.dt)
         update_background(background, seen.image, seen.noise, work.kept, self.dt, c.background)
         if ghosts is not None:
-            np.copyto(background.mean, seen.image, where=ghosts)
+            replace_background(background, seen.image, ghosts)
         return Step(measured, mask, tracker.closed, False)
 
     def _new_scene(self, image: Floats, work: WorkBuffers) -> Step:
@@ -375,7 +386,7 @@ class ForegroundModel(BindingModel):
         height = self.size[0]
         across = self.size[1] / (height * self.small[1] / self.small[0])
         path, boxes = [], []
-        for time, row, column, top, left, bottom, right, *_ in one.path.tolist():
+        for time, row, column, top, left, bottom, right, *_ in (*one.before(self.dt), *one.path.tolist()):
             path.append((time, column * height * across, row * height))
             boxes.append((left * height * across, top * height, right * height * across, bottom * height))
         _, x, y = path[-1]
@@ -388,7 +399,7 @@ class ForegroundModel(BindingModel):
             {name: value for name, value in zip(FEATURES, row, strict=True) if value > 0 and name not in hues},
             place=(x, y),
             velocity=(float(one.velocity[1]) * height * across, float(one.velocity[0]) * height),
-            first_seen=one.first_seen,
+            first_seen=path[0][0],
             last_seen=one.last_seen,
             track=one.number,
             heading=(x - path[0][1], y - path[0][2]),

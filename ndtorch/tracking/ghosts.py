@@ -1,0 +1,79 @@
+"""Ghosts tell where an object stood before it left: one that stands from the first frame on is background.
+
+It is detected as it walks off. Its ghost is where it was, and looks there as the first image of the scene does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ndtorch.foreground.arrays import Bools, Floats, Numbers
+from ndtorch.foreground.segmentation import Segmentation
+from ndtorch.tracking.blobs import connected_components
+from ndtorch.tracking.params import TrackingParams
+from ndtorch.tracking.track import DETECTION, PIXELS, PLACE, Track
+
+TRACED_S, CLEAR_S = 10.0, 3.0
+"""A track left a ghost if it began at most so many seconds before or after it was found, where no object had passed for
+so many seconds: in a queue of cars ghosts are seldom what they seem."""
+GHOST = 15
+"""Numbers kept of a ghost: time at which it was found, row and column, top, left, bottom and right, pixels, number of
+the object or -1, and the colors of the background and of the image there."""
+PIECES_S, PIECES_PX = 2.0, 3
+"""What leaves slowly uncovers its ghost in pieces: they are found within this time and distance of one another."""
+
+
+def recent_ghosts(known: Numbers, ghost: Bools, first: Floats, seen: Segmentation, time: float) -> Numbers:
+    """The ghosts found lately, `[N, 15]`, with those of a mask `[h, w]` that were there when the scene began.
+
+    Args:
+        first: image of the scene, `[3, h, w]`, and seen: segmentation of this frame.
+    """
+    found, height, rows = connected_components(ghost, 0, 0), len(ghost), list(known)
+    for r, (box, area) in enumerate(zip(found.boxes, found.areas.tolist(), strict=True)):
+        inside = found.labels == r + 1
+        was, before, now = (plane[:, inside] for plane in (seen.background, first, seen.image))
+        if np.abs(was - before).mean() > np.abs(was - now).mean() / 2:
+            continue
+        pixels, colors = area / height**2, np.concatenate([was.mean(1), now.mean(1)])
+        low, high, near = box[:2] / height, box[2:] / height, PIECES_PX / height
+        for k in reversed(range(len(rows))):
+            upper, lower = rows[k][3:5], rows[k][5:7]
+            if time - rows[k][0] < PIECES_S and (low <= lower + near).all() and (upper <= high + near).all():
+                colors = (pixels * colors + rows[k][7] * rows[k][9:]) / (pixels + rows[k][7])
+                pixels += rows[k][7]
+                low, high = np.minimum(low, upper), np.maximum(high, lower)
+                del rows[k]
+        rows.append(np.array((time, *(low + high) / 2, *low, *high, pixels, -1, *colors)))
+    return np.array(rows).reshape(-1, GHOST)
+
+
+def trace_back(ghosts: Numbers, tracks: Sequence[Track], began: float, time: float, p: TrackingParams) -> Numbers:
+    """Each ghost `[N, 15]` goes to the object as large as it that began nearest to it; those not too old are returned.
+
+    Which of the tracks around it is the object that left is known a while later, so all are assigned at every step.
+    Its color is that which the background had there, not that of the image.
+
+    Args:
+        began: time at which the scene began.
+    """
+    for one in tracks:
+        if one.number in ghosts[:, 8]:
+            one.waited = np.zeros(DETECTION)
+    for ghost in ghosts:
+        found, place, pixels, nearest, ghost[8] = ghost[0], ghost[1:3], ghost[7], math.inf, -1
+        for one in tracks:
+            was, now = np.abs(one.color - ghost[9:].reshape(2, 3)).mean(1)
+            if not one.is_object or one.waited[PIXELS] or was > now / 2:
+                continue
+            away, ratio = math.dist(place, one.path[0, PLACE]), pixels / np.median(one.path[:, PIXELS])
+            lately, alike = abs(found - one.first_seen) < TRACED_S, 1 / p.max_area_ratio < ratio < p.max_area_ratio
+            clear = one.first_seen - one.passed_at > CLEAR_S
+            if lately and alike and clear and away < min(nearest, one.size):
+                best, nearest = one, away
+        if nearest < math.inf:
+            best.waited, ghost[8] = np.array((began, *ghost[1:8], *place)), best.number
+    return ghosts[time - ghosts[:, 0] < TRACED_S]
