@@ -52,6 +52,7 @@ NAMES = [(module, name) for module in MODULES for name in module.__all__]
 )
 def test_the_public_names_are_these(module: ModuleType, expected: str) -> None:
     assert set(module.__all__) == set(expected.split())
+    assert set(module.__all__) <= set(dir(module))
 
 
 @pytest.mark.parametrize(("module", "name"), NAMES)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["Bind", "Render", "Scenes"]
 
 if not TYPE_CHECKING:
-    __getattr__ = lazy(
+    __getattr__, __dir__ = lazy(
         __name__,
         {"ndtorch.cli.bind": ("Bind",), "ndtorch.cli.render": ("Render",), "ndtorch.cli.scenes": ("Scenes",)},
     )

@@ -85,7 +85,7 @@ __all__ = [
 
 explain_calls(__name__, __all__)
 
-__getattr__ = lazy(
+__getattr__, __dir__ = lazy(
     __name__,
     {},
     moved={

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
@@ -13,8 +14,8 @@ def lazy(
     rooms: Sequence[str] = (),
     moved: Mapping[str, str] | None = None,
     explain: bool = False,
-) -> Callable[[str], Any]:
-    """The `__getattr__` of a package that imports nothing by itself.
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """The `__getattr__` and `__dir__` of a package that imports nothing by itself.
 
     Args:
         package: `__name__` of the package.
@@ -24,7 +25,7 @@ def lazy(
         explain: whether calls explain wrong arguments, see `ndtorch.utils.public_calls`.
 
     Returns:
-        What gives a name its value, and raises AttributeError for a name that is not public.
+        What gives a name its value, and raises AttributeError for a name that is not public; and what lists them.
     """
     module_of = {name: module for module, group in names.items() for name in group}
 
@@ -39,4 +40,4 @@ def lazy(
             raise ImportError(f"{package}.{name} is gone; use {moved[name]}")
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
-    return attribute
+    return attribute, lambda: sorted({*sys.modules[package].__all__, *rooms})

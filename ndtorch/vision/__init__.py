@@ -65,7 +65,7 @@ __all__ = [
 explain_calls(__name__, __all__)
 
 VIDEO = 'ndtorch.load("foreground"), which took the place of the model video'
-__getattr__ = lazy(
+__getattr__, __dir__ = lazy(
     __name__,
     {},
     moved=dict.fromkeys(("CameraFrontEnd", "CameraParams", "CameraState", "FieldSignals"), VIDEO),

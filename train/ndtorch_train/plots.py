@@ -172,6 +172,22 @@ def draw_common_fate(rows: list[dict[str, Any]], folder: Path) -> list[Shown]:
     return [Shown(path, "The same as an image", "Lines: mean over scenes. Bars: two standard errors.")]
 
 
+def draw_reliability(rows: list[dict[str, Any]], folder: Path) -> list[Shown]:
+    """Ratio of right answers against confidence; areas grow with the root of the number of answers."""
+    figure, (one,) = panels(1, 1, 4, 4)
+    one.plot([0, 1], [0, 1], color="0.7", lw=1)
+    for row, color in zip(rows, PALETTE, strict=False):
+        answers, right, confidence = (np.array(part)[np.array(row["bins"][0]) > 0] for part in row["bins"])
+        at, ratio, areas = confidence / answers, right / answers, 300 * np.sqrt(answers / answers.sum())
+        one.plot(at, ratio, color=color, lw=1.5, label=row["method"])
+        one.scatter(at, ratio, areas, color=color, alpha=0.4)
+    one.set(xlabel="confidence", ylabel="ratio of right answers", xlim=(0, 1.05), ylim=(-0.05, 1.05))
+    one.grid(color="0.9")
+    one.legend(fontsize=8)
+    path = save(figure, folder / "reliability.png")
+    return [Shown(path, "Reliability of the confidence", "A calibrated confidence lies on the diagonal.")]
+
+
 def draw_ranges(left: Any, row: Any, column: Any, kinds: dict[str, Any], path: Path) -> Path:
     """The left image with a point at every range.
 

@@ -21,7 +21,7 @@ from ndtorch.binding.readout.joint_diagonalisation import DELAYS, plain_table
 from ndtorch.binding.readout.memory import AnswerMemory, count_confidence, each_confidence, no_answers, remember
 from ndtorch.binding.readout.owners import OwnerCriteria, SourceCriteria, SumCriteria, owner_table, signal_statistics
 from ndtorch.binding.readout.source_count import Bound, motion_residual, source_bound
-from ndtorch.binding.readout.sums import SumState, SumStatistics, sums_table
+from ndtorch.binding.readout.sums import Answer, SumState, SumStatistics, sums_table
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import Constants, Positive, constant
 from ndtorch.utils.tensors import mapped
@@ -189,9 +189,11 @@ class ScaleFreeStage(nn.Module):
             # Answers from little are worth little.
             weight = (state.sums.products.age / r.tau_answers).clamp(0.03, 1).square()
             keep = math.exp(-r.piece / r.tau_answers)
-            return remember(state.answers, self.momentary(state, bound), bound.margin, weight, state.steps, keep)
+            now = self.momentary(state, bound)
+            margin = torch.where(now.doubt, 0.0, bound.margin)
+            return remember(state.answers, now.table, margin, weight, state.steps, keep, now.changed)
 
-    def momentary(self, state: StageState, bound: Bound) -> ObjectTable:
+    def momentary(self, state: StageState, bound: Bound) -> Answer:
         """The objects as of this moment alone."""
         r = self.constants
         table = owner_table(state.weights, state.statistics, r, dt=self.dt)

@@ -302,6 +302,67 @@ def unmixed(flat: Tensor, count: Tensor, wide: Tensor, light: Tensor, criteria: 
     return Sources(count - lit.long(), mixing, unmixing, gap)
 
 
+def split(
+    found: Separation, first_stage: Tensor, criteria: SourceCriteria, doubtful: float, least: float = 0.5
+) -> tuple[Tensor, Tensor, Separation]:
+    """Sources that no single object can be are two objects in its place: they fluctuate in step.
+
+    All colors of an object brighten at once, and it moves one way. So colors of both signs are those of two objects,
+    unless their plane holds two colors that are possible; each object has the features of one sign. Where colors hold
+    one direction, so is motion to opposite sides, unless it is that of what flickers, all ways alike. Nothing says
+    whose the other features are then, and both objects have them. Beside another color it may be motion of the other
+    source. What hardly has a color of its own beside the two is where they differ a little.
+
+    Sources of one delay profile stay as they are, since their mixing is unknown; so do all where three colors are held.
+
+    Args:
+        found: sources, through the settled first stage.
+        first_stage: its weights, `[10, 10]`.
+        criteria: see there.
+        doubtful: share of the largest direction of colors that another one holds.
+        least: share of the largest that the other sign or way has; of single bars at most .24.
+
+    Returns:
+        Whether one of the sources is two objects, whether one may be, `[...]` bool, and all sources then.
+    """
+    passage = settled(first_stage.to(found.mixing.dtype)).mT
+    raw = torch.linalg.solve(passage, found.mixing, left=False)
+    # Sources of the strongest colors first.
+    color = raw[..., GROUPS["color"]]
+    order = color.square().sum(-1).argsort(dim=-1, descending=True, stable=True)
+    mixing = raw.gather(-2, order.unsqueeze(-1).expand_as(raw))
+    motion, color = mixing[..., GROUPS["motion"]].clamp_min(0), mixing[..., GROUPS["color"]]
+    values, vectors = torch.linalg.eigh(color.mT @ color)
+    held = (values > doubtful * values[..., -1:].clamp_min(1e-12)).sum(-1)
+    largest = color.abs().amax(-1)
+    both_signs = (color.amin(-1) < -least * largest) & (color.amax(-1) > least * largest)
+    normal = vectors[..., 0]
+    seen = normal.abs() >= least * normal.abs().amax(-1, keepdim=True)
+    one_sign = ~(seen & (normal > 0)).any(-1) | ~(seen & (normal < 0)).any(-1)
+    impossible = (held == 1) | ((held == 2) & (seen.sum(-1) > 1) & one_sign)
+    colors = both_signs & impossible.unsqueeze(-1)
+    pairs, fastest = motion.unflatten(-1, (2, 2)).amin(-1), motion.amax(-1)
+    ways = (pairs.amax(-1) >= least * fastest) & (motion.amin(-1) < criteria.even * fastest) & (fastest > 0)
+    ways = ways & ~colors
+    rank = torch.arange(mixing.shape[-2], device=mixing.device)
+    known = (found.gap > criteria.gap) & (held < COLORS)
+    there = (rank < torch.minimum(held, found.sources).unsqueeze(-1)) & known.unsqueeze(-1)
+    alone = (held == 1).unsqueeze(-1)
+    two = (colors | (ways & alone)) & there
+    doubt = (ways & ~alone & there).any(-1)
+    at = two.long().argmax(-1)
+    two = two & (rank == at.unsqueeze(-1))
+    # Left is before right, and down before up.
+    side = 2 * pairs.argmax(-1, keepdim=True)
+    first = choose(ways, mixing.scatter(-1, side, 0.0), mixing.clamp_min(0))
+    second = choose(ways, mixing.scatter(-1, side + 1, 0.0), (-mixing).clamp_min(0))
+    other = second.gather(-2, at[..., None, None].expand_as(mixing[..., :1, :]))
+    rows = choose(two, first, mixing)
+    rows = choose(rank == held.unsqueeze(-1), other.expand_as(rows), rows)
+    rows = torch.where((rank <= held.unsqueeze(-1)).unsqueeze(-1), rows, 0.0)
+    return two.any(-1), doubt, found._replace(sources=held + 1, mixing=rows @ passage)
+
+
 def choose(where: Tensor, yes: Tensor, no: Tensor) -> Tensor:
     """`torch.where` for tensors of more dimensions than the condition."""
     return torch.where(where.reshape(where.shape + (1,) * (yes.ndim - where.ndim)), yes, no)

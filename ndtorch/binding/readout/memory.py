@@ -12,12 +12,14 @@ from ndtorch.binding.objects import ObjectTable
 MOST = 10
 """Largest number of objects of a table."""
 
+BEFORE = 0.5
+"""What is left of votes from before a change of the scene."""
 CLEAR = 3.0
 """Margin beyond which more makes no difference."""
-OF_COUNT = (-6.3, 8.4, 0.435, 0.393)
-"""Logistic regression of "the number is right" on 1, share of the votes, their sum and margin: 5 959 answers, from 6 s
-to 64 s, of 61 scenes of the split tune of `ndtorch benchmark over-time` and 40 drawn alike, 25 frames a second."""
-OF_OBJECT = (-5.37, 5.51, 2.73)
+OF_COUNT = (-12.2, 11.2, 0.770, 0.817)
+"""Logistic regression of "the number is right" on 1, share of the votes, their sum and margin: 2 537 answers, from 6 s
+to 64 s, of 43 scenes of `ndtorch_train.benchmark.confidence`, 25 frames a second."""
+OF_OBJECT = (-5.95, 7.85, 1.59)
 """The same of "F1 with a bar is .75 or more" on 1, likeness over time and the confidence of the number."""
 
 
@@ -59,7 +61,13 @@ def no_answers(like: Tensor) -> AnswerMemory:
 
 
 def remember(
-    memory: AnswerMemory, table: ObjectTable, margin: Tensor, weight: Tensor, steps: Tensor, keep: float
+    memory: AnswerMemory,
+    table: ObjectTable,
+    margin: Tensor,
+    weight: Tensor,
+    steps: Tensor,
+    keep: float,
+    changed: Tensor,
 ) -> AnswerMemory:
     """The memory after one more answer.
 
@@ -70,10 +78,12 @@ def remember(
         weight: of the answer, above 0 to 1, `[...]`.
         steps: time steps so far.
         keep: what is left of an answer when the next one comes.
+        changed: whether the scene has: votes for other numbers are then `BEFORE` of what they were, `[...]` bool.
     """
     number = table.owners.sum(-1)
     vote = torch.nn.functional.one_hot(number, MOST + 1).to(memory.votes.dtype)
-    votes = keep * memory.votes + weight.unsqueeze(-1) * vote
+    before = torch.where(changed.unsqueeze(-1), BEFORE + (1 - BEFORE) * vote, 1.0) * memory.votes
+    votes = keep * before + weight.unsqueeze(-1) * vote
     here = (votes.argmax(-1) == number)[..., None]
     # Cosine of what is kept and what is seen now, of owners alone.
     alike = unit(memory.rows) @ unit(table.rows).mT
@@ -92,26 +102,29 @@ def unit(rows: Tensor) -> Tensor:
     return rows / length.clamp_min(1e-6)
 
 
-def count_confidence(memory: AnswerMemory) -> Tensor:
-    """Probability that the number of objects is right, `[...]`; 0 before the first answer.
-
-    A logistic function of the share of votes for it, of their sum, and of the margin.
-    """
+def count_evidence(memory: AnswerMemory) -> Tensor:
+    """What `OF_COUNT` weighs: 1, the share of votes for the number, their sum, and the margin, `[..., 4]`."""
     votes = memory.votes.sum(-1)
     share = memory.votes.amax(-1) / votes.clamp_min(1e-6)
-    known = torch.stack([torch.ones_like(share), share, votes, memory.margin.to(share.dtype).clamp_max(CLEAR)], -1)
+    return torch.stack([torch.ones_like(share), share, votes, memory.margin.to(share.dtype).clamp_max(CLEAR)], -1)
+
+
+def count_confidence(memory: AnswerMemory) -> Tensor:
+    """Probability that the number of objects is right, `[...]`; 0 before the first answer."""
+    known = count_evidence(memory)
     sure = torch.sigmoid((known * known.new_tensor(OF_COUNT)).sum(-1))
-    return torch.where(votes > 0, sure, 0.0)
+    return torch.where(memory.votes.sum(-1) > 0, sure, 0.0)
+
+
+def each_evidence(memory: AnswerMemory) -> Tensor:
+    """What `OF_OBJECT` weighs: 1, how alike the object was in all answers, and the confidence of the number,
+    `[..., 10, 3]`."""
+    alike = (memory.seen / memory.votes.sum(-1, keepdim=True).clamp_min(1e-6)).clamp_max(1)
+    return torch.stack([torch.ones_like(alike), alike, count_confidence(memory).unsqueeze(-1).expand_as(alike)], -1)
 
 
 def each_confidence(memory: AnswerMemory) -> Tensor:
-    """Probability that an object of these features is in view, of the object of each neuron, `[..., 10]`.
-
-    A logistic function of the confidence of their number, and of how alike the object was in all answers.
-    """
-    votes = memory.votes.sum(-1, keepdim=True)
-    alike = (memory.seen / votes.clamp_min(1e-6)).clamp_max(1)
-    count = count_confidence(memory).unsqueeze(-1).expand_as(alike)
-    known = torch.stack([torch.ones_like(alike), alike, count], -1)
+    """Probability that an object of these features is in view, of the object of each neuron, `[..., 10]`."""
+    known = each_evidence(memory)
     sure = torch.sigmoid((known * known.new_tensor(OF_OBJECT)).sum(-1))
     return torch.where(memory.owners, sure, 0.0)

@@ -50,6 +50,7 @@ class SumCriteria(Constants):
     white: float = constant(0.25, "and this share of the same without delay", ge=0)
     clear: float = constant(4.0, "the largest against the three weakest, or all is noise", ge=0)
     left: float = constant(0.1, "power lately against that of its memory, of what has left", ge=0)
+    quick: float = constant(0.3, "share that changes in a delay, of what must not only decay lately", ge=0)
     least: float = constant(0.01, "deviation against the level, or nothing fluctuates", ge=0)
     doubtful: float = constant(2e-3, "share of the largest of a further source beside two of one rate", ge=0)
     lit: float = constant(0.012, "sine of the angle between even light and the sources: it is one,", ge=0)

@@ -25,6 +25,7 @@ from ndtorch.binding.readout.joint_diagonalisation import (
     assigned,
     choose,
     sources_of,
+    split,
     without_lighting,
 )
 from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria
@@ -129,6 +130,20 @@ def surprise(known: Tensor, now: Tensor) -> Tensor:
     return times
 
 
+class Answer(NamedTuple):
+    """Objects of one moment.
+
+    Attributes:
+        table: the objects.
+        changed: whether sources have just left or given way to others, `[...]` bool.
+        doubt: whether one of them may be two in step, `[...]` bool.
+    """
+
+    table: ObjectTable
+    changed: Tensor
+    doubt: Tensor
+
+
 def sums_table(
     owners: ObjectTable,
     weights: Tensor,
@@ -140,7 +155,7 @@ def sums_table(
     tau: float = 12.0,
     piece: float = 1.0,
     bound: Bound | None = None,
-) -> ObjectTable:
+) -> Answer:
     """The objects: sources of the long memory that are still there, or fewer if only a shorter one sees some leave.
 
     The network's table stays where it counts as many and two sources have the same delay profile.
@@ -162,21 +177,27 @@ def sums_table(
         bound = source_bound(statistics.all, motion_residual(statistics.products), limit)
     still = steady(statistics.all.low, recent, limit)
     short, gone = present_sources(fast, recent, first_stage, c, limit, bound)
-    long, left = present_sources(slow, recent, first_stage, c, limit, bound)
+    long, lost = present_sources(slow, recent, first_stage, c, limit, bound)
     scene, _ = present_sources(statistics.scene.covariances[..., 0, :, :, :], recent, first_stage, c, limit, bound)
-    left = gone & ~left & (short.sources < long.sources)
+    left = gone & ~lost & (short.sources < long.sources)
     chosen = Separation(*(choose(left, a, b) for a, b in zip(short, long, strict=True)))
     # What came and what left at once goes together in memories of both.
     changed = (scene.sources < chosen.sources) & (statistics.scene.age > limit.seen_for)
     chosen = Separation(*(choose(changed, a, b) for a, b in zip(scene, chosen, strict=True)))
+    # A memory of two scenes separates neither, and one that has just begun hardly does.
+    two, doubt, apart = split(long, first_stage, c, limit.doubtful)
+    also, *_ = split(scene, first_stage, c, limit.doubtful)
+    two = two & (also | (statistics.scene.age < limit.seen_for))
+    chosen = Separation(*(choose(two, a, b) for a, b in zip(apart, chosen, strict=True)))
     count = torch.where(still, 0, chosen.sources)
     by_network = owners.owners.sum(-1)
     keep = (chosen.gap < c.gap) & (by_network == count) & (count > 0)
     found = assigned(chosen.mixing, count, weights, smallest)
-    return ObjectTable(
+    table = ObjectTable(
         torch.where(keep[..., None], owners.owners, found.owners),
         torch.where(keep[..., None, None], owners.rows, found.rows),
     )
+    return Answer(table, (left | lost | changed) & ~two, doubt)
 
 
 def steady(level: Tensor, covariances: Tensor, limits: SumCriteria) -> Tensor:
@@ -184,6 +205,15 @@ def steady(level: Tensor, covariances: Tensor, limits: SumCriteria) -> Tensor:
     deviation = covariances[..., 0, :, :].diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
     fluctuates = group_max(deviation) > limits.least * group_max(level.abs())
     return ~fluctuates[..., 1:].any(-1)
+
+
+def changing(unmixing: Tensor, covariances: Tensor) -> Tensor:
+    """Power of what sources change in the time of a delay, the mean over delays, `[..., S]`.
+
+    The high-pass settles for seconds after an object has left: that decays, and is below 0.
+    """
+    change = covariances[..., 1, :, :] - covariances[..., 2:, :, :].mean(-3)
+    return (unmixing @ change @ unmixing.mT).diagonal(dim1=-2, dim2=-1)
 
 
 def present_sources(
@@ -206,7 +236,8 @@ def present_sources(
     power = (sources.unmixing @ now[..., 1, :, :] @ sources.unmixing.mT).diagonal(dim1=-2, dim2=-1)
     rank = torch.arange(power.shape[-1], device=power.device)
     there = rank < sources.number.unsqueeze(-1)
-    here = there & (power > limits.left)
+    quick = changing(sources.unmixing, normal) > limits.quick
+    here = there & (power > limits.left) & ((changing(sources.unmixing, now) > 0) | ~quick)
     # Those that are here come first.
     order = torch.argsort((~here).long(), dim=-1, stable=True)
     mixing = sources.mixing.gather(-2, order.unsqueeze(-1).expand_as(sources.mixing))

@@ -16,10 +16,11 @@ def of(count: int) -> ObjectTable:
     return ObjectTable(owners, torch.diag(owners.float()))
 
 
-def after(memory: AnswerMemory, counts: list[int]) -> AnswerMemory:
+def after(memory: AnswerMemory, counts: list[int], changed: bool = False) -> AnswerMemory:
     """The memory after those numbers of objects."""
+    one, now = torch.tensor(1.0), torch.tensor(changed)
     for count in counts:
-        memory = remember(memory, of(count), torch.tensor(2.0), torch.tensor(1.0), memory.steps + 100, 0.9)
+        memory = remember(memory, of(count), 2 * one, one, memory.steps + 100, 0.9, now)
     return memory
 
 
@@ -27,6 +28,8 @@ def test_an_object_that_was_certain_is_not_two_a_second_later() -> None:
     memory = after(no_answers(torch.zeros(10, 10)), 8 * [1])
     assert after(memory, [2, 2]).table.owners.sum() == 1
     assert after(memory, 10 * [2]).table.owners.sum() == 2
+    assert after(memory, 3 * [2]).table.owners.sum() == 1
+    assert after(memory, 3 * [2], changed=True).table.owners.sum() == 2
 
 
 def test_confidence_falls_with_answers_that_disagree() -> None:

@@ -42,9 +42,20 @@ def test_scenes_in_a_batch_are_told_apart_as_each_alone() -> None:
     light[2, 800:, 1] = 0.0
     sums, nothing = 100 * light @ MIXING, torch.zeros(10, 10)
     none = ObjectTable(torch.zeros(3, 10, dtype=torch.bool), torch.zeros(3, 10, 10))
-    together = sums_table(none, nothing.expand(3, -1, -1), SumStatistics()(sums), nothing)
+    together, changed, _ = sums_table(none, nothing.expand(3, -1, -1), SumStatistics()(sums), nothing)
     assert together.owners.sum(-1).tolist() == [1, 2, 2]
+    assert changed.tolist() == [False, False, True]
     for scene, owners, rows in zip(sums, *together, strict=True):
-        alone = sums_table(ObjectTable(*(part[0] for part in none)), nothing, SumStatistics()(scene), nothing)
+        alone = sums_table(ObjectTable(*(part[0] for part in none)), nothing, SumStatistics()(scene), nothing).table
         assert torch.equal(alone.owners, owners)
         torch.testing.assert_close(alone.rows, rows, rtol=1e-3, atol=1e-5)
+
+
+def test_objects_in_step_are_two_where_no_single_object_has_their_features() -> None:
+    """One moves right and one left; both brighten at once, or one darkens while the other brightens."""
+    light = lights(20)[:, :1]
+    assert count(SumStatistics()(100 * light @ MIXING[:1])) == 1
+    assert count(SumStatistics()(100 * light @ (MIXING[:1] + MIXING[1:2]))) == 2
+    assert count(SumStatistics()(100 * (light @ MIXING[:1] + (2 - light) @ MIXING[1:2]))) == 2
+    # Neither sign nor motion says that these are two.
+    assert count(SumStatistics()(100 * light @ (MIXING[:1] + MIXING[2:]))) == 1

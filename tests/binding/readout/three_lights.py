@@ -23,4 +23,4 @@ def lights(seconds: float) -> Tensor:
 def count(statistics: SumState) -> int:
     """How many objects there are, with no word from the network."""
     none = ObjectTable(torch.zeros(10, dtype=torch.bool), torch.zeros(10, 10))
-    return int(sums_table(none, torch.zeros(10, 10), statistics, torch.zeros(10, 10)).owners.sum())
+    return int(sums_table(none, torch.zeros(10, 10), statistics, torch.zeros(10, 10)).table.owners.sum())

@@ -150,3 +150,19 @@ def test_sums_are_kept(tmp_path: Path) -> None:
 def test_times_that_no_scene_has_are_refused() -> None:
     with pytest.raises(InputError, match="seconds"):
         over_time.over_time_benchmark(["scale-free"], ["random"], 1, 500.0, "tune")
+
+
+def test_a_confidence_that_is_the_ratio_of_right_answers_has_no_calibration_error() -> None:
+    right = np.array([[True, True], [True, False]])
+    honest = over_time.Bins.of(np.full((2, 2), 0.75), right)
+    sure = over_time.Bins.of(np.full((2, 2), 0.95), right)
+    assert honest is not None
+    assert sure is not None
+    assert honest.row()["error"] == 0
+    assert honest.row()["stable_right"] is None
+    assert sure.row()["error"] == pytest.approx(0.2)
+    assert sure.row()["stable_right"] == 0.75
+    rows = [{"set": name, "method": "m", "scenes": 2, **one.row()} for name, one in (("a", honest), ("b", sure))]
+    (every,) = over_time.in_all(rows)
+    assert every["error"] == pytest.approx(0.1)
+    assert every["stable"] == 0.5

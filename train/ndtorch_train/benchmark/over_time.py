@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding.learning import settled
+from ndtorch.binding.models.scale_free import OwnerReadout
 from ndtorch.errors import InputError
 from ndtorch.scenes import FrameSource, three_bars, two_bars
 from ndtorch.utils.packages import MODELS, code_digest
@@ -42,8 +43,12 @@ from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
 from ndtorch_train.benchmark.retinotopic import ground
 from ndtorch_train.benchmark.scene_scores import score_scene
 from ndtorch_train.benchmark.separation import FILTERS_SETTLE, METHODS, TAU_SMOOTH, Method, Offline, Signals
+from ndtorch_train.plots import draw_reliability
 from ndtorch_train.rows import Row
 from ndtorch_train.superposed import Stimuli, film_bars, rendered_sums
+
+if TYPE_CHECKING:
+    from ndtorch.report.page import Shown
 
 LONGEST = 120.0
 """Seconds of every scene."""
@@ -54,6 +59,8 @@ WINDOW = 15.0
 FIRST_SEED = {"tune": 30_000_000, "test": 31_000_000}
 """Scene i of set k has this seed plus 10 000 k + i."""
 SEEDS_A_SET = 10_000
+BINS = 10
+"""Of the reliability diagram."""
 COVERED_FROM, COVERED_TO = 12.0, 30.0
 """Seconds between which bars of the set `crossings` cover each other for the first time."""
 
@@ -186,17 +193,21 @@ def kept_sums(scene: Callable[[], Rendered], seconds: float, path: Path) -> Tens
 
 
 class Answers(NamedTuple):
-    """Answers at every second of the scenes of a set, `[B, S]`: number, and whether it and all features are right."""
+    """Answers at every second of the scenes of a set, `[B, S]`: number, whether it and all features are right, and
+    the confidence of the number."""
 
     number: npt.NDArray[np.int64]
     ok: npt.NDArray[np.bool_]
+    confidence: npt.NDArray[np.float64] | None = None
 
 
 def answers(method: Method, sums: Tensor, fps: float, truth: Sequence[Tensor], times: Sequence[float]) -> Answers:
     """The answers at `times`, seconds from the first frame, of an online method."""
     readings = method(sums, fps, times)
     scores = [[score_scene(f, t) for f, t in zip(one.found, truth, strict=True)] for one in readings]
-    return Answers(*(np.array([[getattr(s, key) for s in at] for at in scores]).T for key in ("found", "ok")))
+    number, ok = (np.array([[getattr(s, key) for s in at] for at in scores]).T for key in ("found", "ok"))
+    sure = [one.confidence for one in readings]
+    return Answers(number, ok, None if None in sure else np.array(sure, np.float64).T)
 
 
 def window_answers(
@@ -233,6 +244,7 @@ def measure(
         else:
             found = answers(chosen, torch.stack(sums), fps, truth, times)
         right = found.number == bars
+        sure = Bins.of(found.confidence, right)
         changes = (np.diff(found.number, axis=1) != 0).sum() / max(1e-9, len(bars) * (times[-1] - times[0]) / 60)
         rows.append(
             {
@@ -244,6 +256,7 @@ def measure(
                 "ok": float(found.ok.mean()),
                 "throughout": float(right.all(1).mean()),
                 "changes": float(changes),
+                **({} if sure is None else sure.row()),
             }
         )
     return rows
@@ -258,7 +271,56 @@ COLUMNS = (
     Column("ok", "and every feature", 3, better=1),
     Column("throughout", "scenes right throughout", 3, better=1),
     Column("changes", "changes a minute", 1, better=-1),
+    Column("stable", "stable", 2),
+    Column("stable_right", "right when stable", 3, better=1),
+    Column("error", "calibration error", 3, better=-1),
 )
+
+
+class Bins(NamedTuple):
+    """Answers by their confidence, in `BINS` bins of equal width: how many, how many right, sum of the confidence;
+    and how many are stable, and right of these."""
+
+    answers: npt.NDArray[np.int64]
+    right: npt.NDArray[np.int64]
+    confidence: npt.NDArray[np.float64]
+    stable: tuple[int, int]
+
+    @classmethod
+    def of(cls, confidence: npt.NDArray[np.float64] | None, right: npt.NDArray[np.bool_]) -> Bins | None:
+        """Of answers; None without a confidence."""
+        if confidence is None:
+            return None
+        at = np.minimum((confidence * BINS).astype(int), BINS - 1).ravel()
+        sums = [np.bincount(at, weights, BINS) for weights in (None, right.ravel(), confidence.ravel())]
+        stable = confidence >= OwnerReadout().certain
+        return cls(sums[0], sums[1].astype(int), sums[2].astype(float), (int(stable.sum()), int(right[stable].sum())))
+
+    def row(self) -> Row:
+        """What the table shows, and the bins."""
+        stable, stable_right = self.stable
+        found: Row = {"bins": [part.tolist() for part in self[:3]], "stable": stable / max(1, self.answers.sum())}
+        # Expected calibration error: mean distance of ratio and confidence over bins.
+        found["error"] = float(np.abs(self.right - self.confidence).sum() / max(1, self.answers.sum()))
+        return {**found, "stable_right": stable_right / stable if stable else None, "of_stable": self.stable}
+
+
+def in_all(rows: list[Row]) -> list[Row]:
+    """Stable and calibration error of every method over all sets."""
+    found: list[Row] = []
+    for method in dict.fromkeys(row["method"] for row in rows if "bins" in row):
+        own = [row for row in rows if row["method"] == method]
+        count, right, confidence = np.sum([row["bins"] for row in own], 0)
+        stable = np.sum([row["of_stable"] for row in own], 0)
+        every = Bins(count.astype(int), right.astype(int), confidence, (int(stable[0]), int(stable[1])))
+        found.append({"set": "all", "method": method, "scenes": sum(row["scenes"] for row in own), **every.row()})
+    return found
+
+
+def reliability(rows: list[Row], folder: Path) -> list[Shown]:
+    """A diagram of all sets together, of methods with a confidence."""
+    every = in_all(rows)
+    return draw_reliability(every, folder) if every else []
 
 
 def over_time_benchmark(
@@ -282,8 +344,10 @@ def over_time_benchmark(
         f"Split {split}, rendered {fps:g} times a second. Number and table of objects are read at every second from "
         f"{FIRST:g} s to {seconds:g} s. seconds right: ratio of readings with the right number; and every feature: "
         "number and features are right; scenes right throughout: ratio of scenes whose number is always right; changes "
-        f"a minute: of the number. Offline methods get the last {WINDOW:g} s."
+        "a minute: of the number; stable: ratio of readings with a confidence of .9 or more. Offline methods get the "
+        f"last {WINDOW:g} s."
     )
     settings = {"split": split, "scenes": scenes, "seconds": seconds, "fps": fps, "methods": list(methods)}
     uses = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading", MODELS)
-    return Benchmark("over-time", "Binding over time", note, COLUMNS, tasks, uses, settings=settings)
+    title = "Binding over time"
+    return Benchmark("over-time", title, note, COLUMNS, tasks, uses, in_all, reliability, settings=settings)

@@ -19,6 +19,7 @@ from torch import Tensor
 import ndtorch
 from ndtorch.binding import BindingInputs, PublishedModel, alternation, object_table
 from ndtorch.binding.learning import settled
+from ndtorch.binding.models.base import Nested
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldModel
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.readout.joint_diagonalisation import diagonalise
@@ -44,10 +45,12 @@ class Reading:
     Attributes:
         found: features of the objects of every scene, `[objects, 10]` bool each.
         alternating: scenes whose outputs flip sign from step to step, `[B]` bool.
+        confidence: that the number is right, of every scene; None of methods that do not say.
     """
 
     found: list[Tensor]
     alternating: Tensor
+    confidence: Nested = None
 
 
 class Method(Protocol):
@@ -95,7 +98,7 @@ class Online:
             # Outputs of a settled network are a fixed mixture of its inputs: they cannot alternate.
             table = model.table(state)
         found = [rows[own] > 0 for rows, own in zip(table.rows, table.owners, strict=True)]
-        return Reading(found, alternating)
+        return Reading(found, alternating, model.confidence(state))
 
 
 class Signals:
