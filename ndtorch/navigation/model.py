@@ -319,7 +319,7 @@ class Navigator(nn.Module):
     def warm_up(self, frame: Tensor | None = None) -> None:
         """Compile the steps, or load what was compiled before, before a car depends on them.
 
-        The first time takes up to 40 s.
+        The first time takes about 40 s.
 
         Args:
             frame: one like those that will come, `[1, C, H, W]`; compiled steps differ with its dtype and its layout.

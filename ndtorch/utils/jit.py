@@ -162,7 +162,7 @@ def packed(numbers: tuple[Any, ...]) -> Any:
 @cache
 def announce() -> None:
     """Say once a process that it compiles."""
-    log.info("kernels are compiled for this processor, once: it takes up to 40 s")
+    log.info("kernels are compiled for this processor, once: it takes about 40 s")
 
 
 @cache
