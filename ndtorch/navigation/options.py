@@ -42,7 +42,8 @@ class NavigatorOptions:
         feature_position: A feature lies at the edge that moved, with subpixel accuracy (`"edges"`), or where the motion
             is largest (`"motion"`, as published).
         stereo: A few features are matched on both rows (`"features"`, as published), or the right row is searched for
-            many places of the left one (`"search"`), where `features`, `feature_position` and `prediction` do nothing.
+            many places of the left one (`"search"`), where `features`, `feature_position` and `prediction` do nothing;
+            `"auto"` is the first for the controller `published`, else the second.
         ahead_share: This share of the ranges, 0 to 1, is reserved for the central 30 degrees, so that thin obstacles
             are not missed.
         prediction: Features are tracked from frame to frame instead of chosen anew, as in [A 2.1.4].
@@ -64,7 +65,7 @@ class NavigatorOptions:
     features: int = 7
     angle: AngleModel = "atan"
     feature_position: Literal["edges", "motion"] = "edges"
-    stereo: Literal["features", "search"] = "features"
+    stereo: Literal["auto", "features", "search"] = "auto"
     ahead_share: float = 0.0
     prediction: bool = False
     map_update: Certainty = "beams"
@@ -103,7 +104,8 @@ class NavigatorOptions:
 
     def search(self, rig: StereoRig, body: Body | None = None) -> SearchParams | None:
         """How the right row is searched, if it is."""
-        if self.stereo != "search":
+        searches = controller_class(self.controller).checks_near if self.stereo == "auto" else self.stereo == "search"
+        if not searches:
             return None
         # Cameras hand over the horizon row alone.
         found = SearchParams(rows=1) if body is None else search_params(rig, body)
@@ -181,7 +183,7 @@ OPTION_NAMES = tuple(option.name for option in dataclasses.fields(NavigatorOptio
 WORDS: Mapping[str, tuple[str, ...]] = {
     "angle": ("atan", "linear"),
     "feature_position": ("edges", "motion"),
-    "stereo": ("features", "search"),
+    "stereo": ("auto", "features", "search"),
     "map_update": ("beams", "log-odds"),
 }
 

@@ -65,6 +65,6 @@ def read_toml_of(text: str) -> RunConfig:
 
 def test_options_of_the_file_lie_below_those_that_are_given() -> None:
     file = FOLDER / "mini.toml"
-    assert load_config(None, {"robot": file}).stereo == "search"
+    assert load_config(None, {"robot": file}).stereo == "auto"
     assert load_config(None, {"robot": file, "stereo": "features"}).stereo == "features"
     assert load_config(None, {"robot": "mini"}) == load_config(None, {"robot": file})

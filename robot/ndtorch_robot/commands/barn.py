@@ -25,7 +25,7 @@ FAILED = 1
 
 
 @dataclass(frozen=True)
-@navigator_options("controller", "stereo", "speed", "goal", "explore", "return_home")
+@navigator_options("controller", "speed", "goal", "explore", "return_home")
 class Barn:
     """Drive through every world of the BARN challenge once: fields of cylinders, the goal 10 m ahead.
 
@@ -42,8 +42,6 @@ class Barn:
     """The car drives only in the worlds of these numbers."""
     controller: str = "goal"
     """The controller of this name steers; only `goal` knows where the goal is."""
-    stereo: Literal["search", "features"] = "search"
-    """Ranges are found as with `ndtorch drive`; feature matching finds little between many similar posts."""
     robot: Path | None = None
     """The robot of this file drives, or one of robot/configs by name (default: the car of [A])."""
     speed: float = 1.0
