@@ -114,7 +114,7 @@ def driven(golden: Kept | None, folder: Path | None = None, **options: Any) -> K
     """
     torch.set_num_threads(1)
     watch = Watch(None if golden is None else unpack(golden["wanted"]))
-    result = drive(DriveConfig(**options), observers=[watch], steer=watch.steer)
+    result = drive(DriveConfig(**{"stereo": "features"} | options), observers=[watch], steer=watch.steer)
     record, summary = result.record, result.summary
     wanted = np.array([(command.speed, command.curvature) for command in watch.wanted])
     if folder is not None:

@@ -86,7 +86,7 @@ def test_map_of_one_pass_of_the_hallway(seed, options, recall):
     As published, features lie anywhere in the band that an edge swept since the last frame, up to 3 pixels wide:
     then rays through 3 pixels on either side count, else only those through the very pixel.
     """
-    result = drive(DriveConfig(seed=seed, seconds=32, **options), steer=straight)
+    result = drive(DriveConfig(seed=seed, seconds=32, stereo="features", **options), steer=straight)
     score = result.summary["map"]
     assert score["precision"] >= 0.6
     assert score["recall"] >= recall

@@ -80,7 +80,7 @@ def free_driving(
     """
     tasks = [("curve", s, curve_seconds) for s in curve_seeds] + [(a, seed, other_seconds) for a in other]
     # What belongs to the controller is published with it, or as the package has it.
-    options: dict[str, Any] = {"controller": better, "features": 7, "feature_position": "edges"} if better else {}
+    options: dict[str, Any] = {"controller": better, "features": 7, "stereo": "features"} if better else {}
     drives = []
     for n, (arena, s, seconds) in enumerate(tasks):
         drives.append(recorded(context, arena, s, seconds, (n / len(tasks), (n + 1) / len(tasks)), **options))
