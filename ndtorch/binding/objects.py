@@ -45,7 +45,8 @@ class BoundObject:
         path: time, column and row of every sighting, where they are kept.
         shade: "white", "grey" or "black" of what has no hue; None of what has one, or where nobody knows.
         boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
-        confidence: probability that an object of these features is in view, 0 to 1; None of models that do not say.
+        confidence: 0 to 1; None of models that do not say. Of features: probability that an object of these is in view;
+            of tracks: their rank by `ndtorch.tracking.rigid_motion.confidence`.
     """
 
     neuron: str

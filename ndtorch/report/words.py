@@ -76,6 +76,7 @@ def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, 
         "appeared": round(thing.first_seen, 3),
         "disappeared": round(thing.last_seen, 3),
         "neuron": thing.neuron,
+        **({} if thing.confidence is None else {"confidence": thing.confidence}),
         "features": {name: round(value, 3) for name, value in thing.features.items()},
         "path": path,
     }

@@ -30,6 +30,8 @@ PATH_STEP_SIZES = 0.2
 """Paths are measured in steps of this many sizes."""
 MIN_NET_TRAVEL_RATIO, MIN_GROWTH_SIZES = 0.35, 0.5
 """In probation a track has to get this fraction of its path away from its start, and this many sizes."""
+HALF_TRAVEL_SIZES = 3.0
+"""A straight path of so many sizes has a squared confidence of a half."""
 
 
 def has_contrast(track: Track, p: TrackingParams) -> bool:
@@ -103,6 +105,16 @@ def path_straightness(track: Track) -> float:
     """Net displacement over the length of the path; 1 before the first step."""
     path = path_lengths(track)
     return path.net / path.length if path.length else 1.0
+
+
+def confidence(track: Track) -> float:
+    """Rank of a track as an object, 0 to 1: the root of straightness times s / (s + `HALF_TRAVEL_SIZES`).
+
+    s is the largest distance from its start in sizes. What never moved has 0. It is not calibrated: no probability.
+    """
+    path = path_lengths(track)
+    s = path.furthest / track.size
+    return math.sqrt(path.net / path.length * s / (s + HALF_TRAVEL_SIZES)) if path.length else 0.0
 
 
 def revoke_confirmation(track: Track, cluttered: bool, time: float, dt: float, p: TrackingParams) -> bool:

@@ -117,7 +117,11 @@ def test_pandas_reads_the_tables(run: tuple[Path, list[str] | None]) -> None:
     assert table.speed.median() == pytest.approx(STEP * rate, rel=0.1)
     assert (table.feature_red > 0.5).all()
     mot = np.loadtxt(run[0] / "mot.txt", delimiter=",", ndmin=2)
-    assert np.allclose(table[["frame", "track", "left", "top", "width", "height"]], mot[:, :6], atol=1e-2)
+    columns = ["frame", "track", "left", "top", "width", "height", "confidence"]
+    assert np.allclose(table[columns], mot[:, :7], atol=1e-2)
+    scores = [one["score"] for one in json.loads((run[0] / "coco.json").read_text())["annotations"]]
+    # It crosses the frames on a straight path of several of its own sizes.
+    assert 0.5 < min(scores) == pytest.approx(table.confidence.min(), abs=1e-3)
 
 
 @pytest.mark.parametrize("top", [0, 3])

@@ -17,6 +17,7 @@ from ndtorch.tracking.confirmation import is_object
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import (
     compare_patches,
+    confidence,
     is_rigid_motion,
     oscillates,
     revoke_confirmation,
@@ -173,3 +174,10 @@ def test_a_spot_that_becomes_a_screen_is_no_object() -> None:
     """Its middle goes by more than its size, but nothing moves."""
     assert objects(cut_to(20)) == []
     assert len(objects(cut_to(20), max_area_ratio=1e9, probation_s=0.0)) == 1
+
+
+def test_what_crosses_has_more_confidence_than_what_swings_in_its_place() -> None:
+    crossing, swinging = list(range(10, 90, 10)), [40, 60, 40, 20] * 2
+    across, swings = (confidence(followed(places, places, 0.2)) for places in (crossing, swinging))
+    assert 0 < swings < across < 1
+    assert confidence(followed([40] * 8, [40] * 8, 0.2)) == 0

@@ -35,6 +35,7 @@ from ndtorch.foreground.segmentation import segment
 from ndtorch.tracking.blobs import detect_blobs
 from ndtorch.tracking.color_names import ColorParams, WhiteBalance, achromatic_name
 from ndtorch.tracking.params import TrackingParams
+from ndtorch.tracking.rigid_motion import confidence
 from ndtorch.tracking.track import Track, TrackTable, joined_parts, table_from_tracks, tracks_from_table
 from ndtorch.tracking.tracker import Tracker, TrackerState
 from ndtorch.utils.tensors import mapped
@@ -406,4 +407,5 @@ class ForegroundModel(BindingModel):
             path=tuple(path),
             shade=shade,
             boxes=tuple(boxes),
+            confidence=round(confidence(one), 3),
         )

@@ -48,6 +48,7 @@ def annotation(tracks: SourceTracks, k: int) -> dict[str, Any]:
         "bbox": [round(side, 2) for side in (left, top, right - left, bottom - top)],
         "segmentation": {"size": list(tracks.size), "counts": encode(run_lengths(mask, *tracks.size))},
         "area": round(float(tracks.area[k]), 2),
+        "score": round(float(tracks.confidence[k]), 3),
         "iscrowd": 0,
     }
 

@@ -29,7 +29,7 @@ def to_detections(objects: Sequence[BoundObject]) -> dict[str, Any]:
     numbers = [0 if thing.track is None else thing.track + 1 for thing in boxed]
     return {
         "xyxy": np.array([thing.box for thing in boxed], np.float32).reshape(-1, 4),
-        "confidence": np.ones(len(boxed), np.float32),
+        "confidence": np.array([1.0 if thing.confidence is None else thing.confidence for thing in boxed], np.float32),
         "class_id": np.zeros(len(boxed), np.int64),
         "tracker_id": np.array(numbers, np.int64),
     }

@@ -42,6 +42,7 @@ class SourceTracks(NamedTuple):
         box: left, top, right and bottom, pixels, `[N, 4]`.
         center: column and row of the middle of its mask, pixels, `[N, 2]`.
         speed: pixels a second, `[N]`.
+        confidence: of its object, 0 to 1, `[N]`; 1 of models that do not say.
         objects: by their numbers.
         mask: gives that of a box by its place here, None where there is none.
         area: pixels of its mask, else of its box, `[N]`.
@@ -58,6 +59,7 @@ class SourceTracks(NamedTuple):
     box: Floats
     center: Floats
     speed: Floats
+    confidence: Floats
     objects: dict[int, BoundObject]
     mask: Callable[[int], Placed | None]
     area: Floats
@@ -77,6 +79,7 @@ def source_tracks(result: RunResult) -> SourceTracks:
     rows.sort(key=lambda row: (row[0], row[2]))
     columns = list(zip(*rows, strict=True)) if rows else [()] * 8
     frame, time, track, box, center, speed, source, area = columns
+    sure = {n: 1.0 if one.confidence is None else one.confidence for n, one in numbered(result.objects)}
     return SourceTracks(
         result.source,
         result.full_size,
@@ -89,6 +92,7 @@ def source_tracks(result: RunResult) -> SourceTracks:
         np.array(box, np.float64).reshape(-1, 4),
         np.array(center, np.float64).reshape(-1, 2),
         np.array(speed, np.float64),
+        np.array([sure[number] for number in track], np.float64),
         dict(numbered(result.objects)),
         lambda k: mask_of(result, *source[k]),
         np.array(area, np.float64),

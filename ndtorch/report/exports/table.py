@@ -15,7 +15,7 @@ FILE = "tracks.csv"
 
 
 def columns(tracks: SourceTracks) -> dict[str, Any]:
-    """Frame, time, track, box, center, area, speed, and the features of the object, a column each."""
+    """Frame, time, track, box, center, area, speed, confidence, and the features of the object, a column each."""
     left, top, right, bottom = tracks.box.T
     found: dict[str, Any] = {
         "frame": tracks.frame,
@@ -29,6 +29,7 @@ def columns(tracks: SourceTracks) -> dict[str, Any]:
         "center_y": tracks.center[:, 1],
         "area": tracks.area,
         "speed": tracks.speed,
+        "confidence": tracks.confidence,
     }
     for name in FEATURES:
         own = [tracks.objects[number].features.get(name, 0.0) for number in tracks.track.tolist()]

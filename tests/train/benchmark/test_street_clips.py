@@ -13,7 +13,7 @@ from ndtorch.errors import InputError
 from ndtorch_train.benchmark.dish_clips import DISH, DISHES, RADIUS, SIZE, dish_frames, draw_animals
 from ndtorch_train.benchmark.dish_clips import true_boxes as dish_boxes
 from ndtorch_train.benchmark.foreground import measure, negative_clip
-from ndtorch_train.benchmark.mot import Box, Hypothesis, Pixels, overlapping
+from ndtorch_train.benchmark.mot import Box, Pixels, overlap_ratios, overlapping
 from ndtorch_train.benchmark.negative_clips import FPS, KINDS, still_image
 from ndtorch_train.benchmark.street_clips import StreetFrames, true_boxes
 
@@ -35,8 +35,8 @@ def test_what_is_darker_than_the_ground_is_in_the_boxes(kind: str) -> None:
 def test_boxes_are_right_that_share_half_of_their_union_and_each_once() -> None:
     true = [Box(0, 0, 10, 10), Box(20, 0, 30, 10)]
     seen = [Box(0, 0, 10, 5), Box(0, 0, 10, 4.9), Box(20, 0, 30, 4.9), Box(0, 0, 10, 9)]
-    assert overlapping(true, [Hypothesis(n, (0, 0), box) for n, box in enumerate(seen)]) == 1
-    assert overlapping(true, []) == 0
+    assert overlapping(overlap_ratios(true, seen)) == 1
+    assert overlapping(overlap_ratios(true, [])) == 0
 
 
 @pytest.mark.parametrize("kind", ["2 of 15-30 px", "12 of 8-14 px"])

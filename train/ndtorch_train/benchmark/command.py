@@ -141,7 +141,7 @@ class Foreground(Seeded):
 
     folder: Annotated[Path | None, tyro.conf.Positional] = None
     """Folder of folders with clip.mp4, and gt.txt (MOT format) or masks.mkv; none to use generated clips only."""
-    methods: tuple[str, ...] = ("foreground", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
+    methods: tuple[str, ...] = ("foreground", "mog2-norfair", "knn-norfair")
     """Methods to compare; folders of models too."""
     generated: int = 0
     """Number of generated clips for each number of objects and frame rate."""

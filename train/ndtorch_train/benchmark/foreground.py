@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import platform
 import time
-import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -50,6 +49,23 @@ from ndtorch_train.rows import Row
 
 OPENING = 3
 """Pixels of the square with which masks are opened."""
+
+
+class Tuning(NamedTuple):
+    """Side of the square with which masks are closed, pixels, 0 for none, and smallest area, share of the image."""
+
+    closing: int
+    area: float
+
+
+SUBTRACTORS = {
+    "mog2": Tuning(0, SMALLEST),
+    "knn": Tuning(0, SMALLEST),
+    "gsoc": Tuning(5, 0.0015),
+    "lsbp": Tuning(5, 0.0015),
+    "cnt": Tuning(5, 0.0015),
+}
+"""Background subtraction of OpenCV with its defaults, the last three of its contributed modules. None is tuned."""
 REACH = 1.0
 """Norfair: largest distance of a detection from where a track is expected, in sizes of the box."""
 
@@ -61,6 +77,7 @@ COLUMNS = (
     Column("f", "F", better=1),
     Column("box_f", "F of boxes", better=1),
     Column("idf1", "IDF1", better=1),
+    Column("hota", "HOTA", better=1),
     Column("mota", "MOTA", better=1),
     Column("switches", "switches", better=-1),
     Column("count_error", "count error", better=-1),
@@ -79,7 +96,9 @@ NOTE = (
     f"{platform.machine()}, torch {torch.__version__}."
 )
 
-METHODS = ("foreground", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
+TRACKERS = {"norfair": "", "sort": "SORTTracker", "bytetrack": "ByteTrackTracker", "ocsort": "OCSORTTracker"}
+"""Trackers of boxes: Norfair, and classes of the package trackers."""
+METHODS = ("foreground", *(f"{kind}-{tracker}" for kind in SUBTRACTORS for tracker in TRACKERS))
 """The model for video, and background subtraction with a tracker of boxes."""
 
 USES = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading", MODELS)
@@ -234,7 +253,7 @@ def run_method(method: str, clip: Video, rows: int = 0) -> TrackerOutput:
     """
     kind, _, tracker = method.partition("-")
     if tracker in TRACKERS:
-        return run_peer(kind, TRACKERS[tracker](clip.fps), clip, rows)
+        return run_peer(kind, Norfair(clip.fps) if tracker == "norfair" else Peer(tracker, clip.fps), clip, rows)
     return run_model(method, clip, rows)
 
 
@@ -315,26 +334,32 @@ def run_model(name: str, clip: Video, rows: int, options: Mapping[str, Any] | No
 
 
 class Subtraction:
-    """MOG2 or KNN as they come, opening with a small square, contours of at least the smallest area.
+    """Background subtraction as it comes, opening with a small square, closing, contours of a smallest area.
 
     Args:
-        kind: "mog2" or "knn".
+        kind: one of `SUBTRACTORS`.
+
+    Raises:
+        InputError: OpenCV comes without its contributed modules.
     """
 
     def __init__(self, kind: str) -> None:
-        self.model: Any = (
-            cv2.createBackgroundSubtractorMOG2() if kind == "mog2" else cv2.createBackgroundSubtractorKNN()
-        )
-        self.square = np.ones((OPENING, OPENING), np.uint8)
+        name, self.tuning = f"createBackgroundSubtractor{kind.upper()}", SUBTRACTORS[kind]
+        create = getattr(cv2, name, None) or getattr(getattr(cv2, "bgsegm", None), name, None)
+        if create is None:
+            raise InputError(f"the method {kind} needs the package opencv-contrib-python-headless in place of OpenCV's")
+        self.model: Any = create()
 
     def __call__(self, frame: Pixels) -> tuple[Mask, list[Box]]:
         """The mask, shadows left out, and its boxes."""
         mask = (self.model.apply(frame) == 255).astype(np.uint8)
-        mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, self.square), np.uint8)
+        for kind, side in ((cv2.MORPH_OPEN, OPENING), (cv2.MORPH_CLOSE, self.tuning.closing)):
+            if side:
+                mask = np.asarray(cv2.morphologyEx(mask, kind, np.ones((side, side), np.uint8)), np.uint8)
         contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         found = []
         for contour in contours:
-            if cv2.contourArea(contour) >= SMALLEST * mask.size:
+            if cv2.contourArea(contour) >= self.tuning.area * mask.size:
                 left, top, width, height = cv2.boundingRect(contour)
                 found.append(Box(left, top, left + width, top + height))
         return mask > 0, found
@@ -373,30 +398,22 @@ class Norfair:
         return out
 
 
-class ByteTrack:
-    """ByteTrack of the package supervision."""
+class Peer:
+    """A tracker of the package trackers, with its defaults."""
 
-    def __init__(self, fps: float) -> None:
-        supervision = need("supervision", "the method bytetrack")
-        self.detections = supervision.Detections
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            self.tracker = supervision.ByteTrack(frame_rate=max(1, round(fps)))
+    def __init__(self, name: str, fps: float) -> None:
+        self.detections = need("supervision", f"the method {name}").Detections
+        self.tracker = getattr(need("trackers", f"the method {name}"), TRACKERS[name])(frame_rate=fps)
 
     def __call__(self, boxes: Sequence[Box]) -> list[Hypothesis]:
-        places = np.array(boxes, np.float64).reshape(-1, 4)
-        seen = self.detections(
-            xyxy=places, confidence=np.ones(len(boxes), np.float32), class_id=np.zeros(len(boxes), int)
-        )
-        found = self.tracker.update_with_detections(seen)
-        numbers = [] if found.tracker_id is None else found.tracker_id.tolist()
-        rows = [Box(*row) for row in found.xyxy.tolist()]
-        return [Hypothesis(int(number), middle(box), box) for number, box in zip(numbers, rows, strict=True)]
+        places, sure = np.array(boxes, np.float64).reshape(-1, 4), np.ones(len(boxes), np.float32)
+        found = self.tracker.update(self.detections(places, confidence=sure, class_id=np.zeros(len(boxes), int)))
+        # Tracks that are not confirmed have the number -1.
+        pairs = [] if found.tracker_id is None else zip(found.tracker_id.tolist(), found.xyxy.tolist(), strict=True)
+        rows = [(int(number), Box(*row)) for number, row in pairs if number >= 0]
+        return [Hypothesis(number, middle(box), box) for number, box in rows]
 
 
 def middle(box: Box) -> tuple[float, float]:
     """Column and row of a box's middle."""
     return (box.left + box.right) / 2, (box.top + box.bottom) / 2
-
-
-TRACKERS: dict[str, Callable[[float], BoxTracker]] = {"norfair": Norfair, "bytetrack": ByteTrack}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -34,6 +34,13 @@ KEPT = 0.01
 """What a pair of the frame before is worth more than a new one: less than any other match."""
 TRAVELLED = 1.0
 """Own sizes a true object has to go to have a main direction."""
+
+
+LEVELS = np.arange(1, 20) / 20
+"""Overlap ratios from which on two boxes match, of HOTA."""
+
+Overlaps = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.float64]]
+"""True identities `[K]`, tracks `[N]` and overlap ratios of every pair `[K, N]` in a frame."""
 
 
 class Box(NamedTuple):
@@ -259,6 +266,7 @@ class MotScore:
     Attributes:
         precision, recall, f: of places; box_f: of boxes that overlap by half of their union.
         idf1: harmonic mean of precision and recall under the best one-to-one pairing of identities.
+        hota: higher order tracking accuracy (Luiten et al. 2021).
         mota: 1 - (missed + false + switches) / true.
         switches: a true object changes its track.
         fragments: times that a true object is lost and found again.
@@ -274,6 +282,7 @@ class MotScore:
     f: float
     box_f: float | None
     idf1: float | None
+    hota: float | None
     mota: float | None
     switches: int | None
     fragments: int | None
@@ -308,7 +317,7 @@ def mot_score(output: TrackerOutput, truth: Iterable[TrueFrame], fps: float, mas
         fps: frames a second.
         masked: whether the truth is masks, so that identities are not known.
     """
-    tally, together = Tally(), Counter[tuple[int, int]]()
+    tally, together, seen = Tally(), Counter[tuple[int, int]](), list[Overlaps]()
     lasting: dict[int, int] = {}
     found_before: set[int] = set()
     paths: dict[int, list[tuple[float, float]]] = {}
@@ -328,7 +337,11 @@ def mot_score(output: TrackerOutput, truth: Iterable[TrueFrame], fps: float, mas
         tally.away += abs(len(hypotheses) - len(frame.objects))
         pairs = match(frame.objects, hypotheses, lasting)
         tally.right += len(pairs)
-        tally.boxes += overlapping([one.box for one in frame.objects if isinstance(one, TrueBox)], hypotheses)
+        boxes = [one for one in frame.objects if isinstance(one, TrueBox)]
+        shared = overlap_ratios([one.box for one in boxes], [one.box for one in hypotheses])
+        tally.boxes += overlapping(shared)
+        names, numbers = [one.identity for one in boxes], [one.track for one in hypotheses]
+        seen.append((np.array(names, np.int64), np.array(numbers, np.int64), shared))
         if not frame.objects:
             tally.empty += 1
             false_tracks += len({hypothesis.track for hypothesis in hypotheses} - begun)
@@ -362,6 +375,7 @@ def mot_score(output: TrackerOutput, truth: Iterable[TrueFrame], fps: float, mas
         f=2 * tally.right / max(1, tally.reported + tally.true),
         box_f=2 * tally.boxes / max(1, tally.reported + tally.true) if known else None,
         idf1=2 * sum(together[pair] for pair in best.items()) / max(1, tally.reported + tally.true) if known else None,
+        hota=hota(seen) if known else None,
         mota=1 - (missed + false + tally.switches) / tally.true if known else None,
         switches=tally.switches if known else None,
         fragments=tally.fragments if known else None,
@@ -387,17 +401,42 @@ def match(objects: list[TrueObject], hypotheses: list[Hypothesis], before: dict[
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if worth[i, j] > 0]
 
 
-def overlapping(true: list[Box], hypotheses: list[Hypothesis]) -> int:
-    """How many true boxes have one of their own that overlaps them by half of their union."""
-    if not true or not hypotheses:
-        return 0
-    one, other = np.array(true)[:, None], np.array([hypothesis.box for hypothesis in hypotheses])
-    common = np.minimum(one[..., 2:], other[:, 2:]) - np.maximum(one[..., :2], other[:, :2])
+def overlap_ratios(true: Sequence[Box], reported: Sequence[Box]) -> npt.NDArray[np.float64]:
+    """Intersection over union of every pair, `[K, N]`."""
+    one, other = (np.array(boxes, np.float64).reshape(-1, 4) for boxes in (true, reported))
+    common = np.minimum(one[:, None, 2:], other[None, :, 2:]) - np.maximum(one[:, None, :2], other[None, :, :2])
     shared = common.clip(0).prod(-1)
-    areas = [(boxes[..., 2:] - boxes[..., :2]).prod(-1) for boxes in (one, other)]
-    enough = shared >= 0.5 * (areas[0] + areas[1] - shared)
+    areas = [(boxes[:, 2:] - boxes[:, :2]).prod(-1) for boxes in (one, other)]
+    return np.asarray(shared / np.maximum(areas[0][:, None] + areas[1] - shared, 1e-9))
+
+
+def overlapping(ratios: npt.NDArray[np.float64]) -> int:
+    """How many true boxes have one of their own that overlaps them by half of their union."""
+    enough = ratios >= 0.5
     rows, columns = linear_sum_assignment(-enough.astype(float))
     return int(enough[rows, columns].sum())
+
+
+def hota(frames: Sequence[Overlaps]) -> float:
+    """HOTA (Luiten et al., IJCV 2021): the root of detection times association accuracy, mean over `LEVELS`.
+
+    Each frame is matched once, by overlap times the overlap that two identities share in all frames.
+    """
+    names, numbers = (np.unique(np.concatenate(column)) for column in list(zip(*frames, strict=True))[:2])
+    places = [(np.searchsorted(names, n), np.searchsorted(numbers, m), ratios) for n, m, ratios in frames]
+    either = np.zeros((len(names), len(numbers)))
+    shared, matched = either.copy(), np.zeros((len(LEVELS), *either.shape))
+    for i, j, ratios in places:
+        either[i] += 1
+        either[:, j] += 1
+        shared[np.ix_(i, j)] += ratios / np.maximum(ratios.sum(0) + ratios.sum(1)[:, None] - ratios, 1e-9)
+    likely = shared / (either - shared)
+    for i, j, ratios in places:
+        a, b = linear_sum_assignment(-likely[np.ix_(i, j)] * ratios)
+        matched[:, i[a], j[b]] += ratios[a, b] >= LEVELS[:, None] - 1e-9
+    right, pairs = matched.sum((1, 2)), sum(len(i) + len(j) for i, j, _ in places)
+    detection, associated = right / (pairs - right), (matched**2 / (either - matched)).sum((1, 2))
+    return float(np.sqrt(detection * associated / np.maximum(right, 1)).mean())
 
 
 def identities(together: Counter[tuple[int, int]]) -> dict[int, int]:
