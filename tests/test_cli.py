@@ -44,10 +44,10 @@ CAR = Path(__file__).resolve().parents[2] / "shared" / "data" / "car-detection.m
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bind", "one-bar", "--seconds", "0.5", "--settle", "0.2", "--json", "--out", str(tmp_path)]) == 0
+    assert main(["bind", "one-bar", "--seconds", "0.7", "--settle", "0.2", "--json", "--out", str(tmp_path)]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert set(printed) == set(KEYS.split())
-    assert (printed["source"], printed["model"]) == ("one-bar", "published")
+    assert (printed["source"], printed["model"]) == ("one-bar", "scale-free")
     assert printed["simulated_seconds"] == pytest.approx(0.7)
     assert np.array(printed["weights"]).shape == (10, 10)
     assert {path.name for path in (tmp_path / "one-bar").iterdir()} == FILES - PICTURES
@@ -60,7 +60,7 @@ def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.Capt
 def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bind", "--pictures", "2", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("model  published (default for scenes)\n")
+    assert out.startswith("model  scale-free (default for scenes)\n")
     assert "object 1: red, moving right and down, orientation between 0° and 120°" in out
     assert "object 2: green, moving left and down, orientation between 0° and 60°" in out
     assert "verdict  stable" in out
@@ -104,7 +104,7 @@ def test_ctrl_c_keeps_what_was_computed(number: int, code: int, tmp_path: Path) 
         try:
             # The first frames have been seen when the progress bar counts them.
             seen, end = "", time.monotonic() + 120
-            while " 0/" in seen[-200:] or "/60400" not in seen:
+            while " 0/" in seen[-200:] or "/60000" not in seen:
                 assert select.select([ours], [], [], end - time.monotonic())[0], seen
                 seen += os.read(ours, 4096).decode(errors="replace")  # the bar's characters may be cut in two
             process.send_signal(number)

@@ -21,7 +21,7 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.
     capsys.readouterr()
     part = str(tmp_path / "part" / "two-bars")
     assert main(["bind", "--resume", part, "--seconds", "0.7", "--pictures", "5", "--out", str(tmp_path / "rest")]) == 0
-    assert capsys.readouterr().out.startswith("model  published (that of the run that goes on)\n")
+    assert capsys.readouterr().out.startswith("model  scale-free (that of the run that goes on)\n")
     state = same_state(tmp_path / "whole" / "two-bars", tmp_path / "rest" / "two-bars")
     assert float(state["second.weights"].max()) > 0
 

@@ -20,7 +20,6 @@ from ndtorch.loading import load, model_kind, model_names
 from ndtorch.run.options import (
     CAMERA_SECONDS,
     MODEL_OPTIONS,
-    SCENE_SECONDS,
     BindJob,
     check_numbers,
     check_options,
@@ -29,6 +28,7 @@ from ndtorch.run.options import (
     given,
 )
 from ndtorch.scenes import SCENES, FrameSource, make_scene
+from ndtorch.scenes.named import SECONDS
 from ndtorch.scenes.stamps import SourceFrames
 from ndtorch.scenes.video import Fit, VideoSource, open_video
 from ndtorch.utils.toml import Strict, check
@@ -128,10 +128,8 @@ def prepare(job: BindJob) -> Prepared:
     about = {**start, **about, "source": name, "model": model_name, "options": options}
     first = 0
     if name in SCENES:
-        # A first look, for the size and the rate that the model is made for.
-        source = open_scene(job, about, 0.0)
+        source, first = open_scene(job, about), about["frames"]
         model = make_model(about, source.size, source.fps, "wrap")
-        source, first = open_scene(job, about, model.settle), about["frames"]
     else:
         source = open_place(job, about, CAMERA_MODELS.get(kind))
         first = 0 if is_live(name) else about["frames"]
@@ -178,17 +176,15 @@ def chosen(job: BindJob, source: str, model: str, kind: str) -> str:
     return f"{model} (default for {'scenes' if source in SCENES else 'files and cameras'})"
 
 
-def open_scene(job: BindJob, about: dict[str, Any], settle: float) -> FrameSource:
+def open_scene(job: BindJob, about: dict[str, Any]) -> FrameSource:
     """A simulated scene as long as the job wants it, from its first frame on."""
     if job.start is not None or job.stop is not None:
         raise InputError("start and stop are frame numbers of videos; a scene has --seconds")
     if job.fit is not None:
         raise InputError("--fit is for the frames of videos; a scene has the size that is wanted")
     options = about["scene"]
-    more = SCENE_SECONDS if job.seconds is None else job.seconds
-    # Learning seconds: the time for filters to settle comes on top, once.
-    seconds = about["frames"] / options.get("fps", 100.0) + more if about["frames"] else settle + more
-    return make_scene(about["source"], seconds=seconds, **options)
+    more = SECONDS if job.seconds is None else job.seconds
+    return make_scene(about["source"], seconds=about["frames"] / options.get("fps", 100.0) + more, **options)
 
 
 def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSource:

@@ -10,7 +10,6 @@ from ndtorch.errors import InputError
 from ndtorch.scenes.named import SCENES
 
 DEFAULT_SOURCE = "two-bars"
-SCENE_SECONDS = 15.0
 CAMERA_SECONDS = 30.0
 
 
@@ -22,9 +21,9 @@ class BindJob:
     """Scene, file, folder, camera or address."""
     model: str | None = None
     """Name of a model (published, scale-free, retinotopic, foreground) or a folder of your own. The default is
-    published for scenes and foreground for files, folders, cameras and streams; no other option changes it."""
+    scale-free for scenes and foreground for files, folders, cameras and streams; no other option changes it."""
     seconds: float | None = None
-    """Seconds to learn from a scene (default 15, the settling time comes on top), or to take of a video (all)."""
+    """Seconds to take of a scene (default 19), with the time that filters settle, or of a video (all)."""
     phase: float | None = None
     """Scenes: lead of the green bar's brightness over the red bar's, degrees (default 290)."""
     gamma: float | None = None
@@ -89,8 +88,8 @@ def given(job: BindJob, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def default_model(source: str) -> str:
-    """The model for a source when none is asked for: published for scenes, foreground for everything else."""
-    return "published" if source in SCENES else "foreground"
+    """The model for a source when none is asked for: scale-free for scenes, foreground for everything else."""
+    return "scale-free" if source in SCENES else "foreground"
 
 
 def check_options(job: BindJob, kind: str) -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 SECONDS = 19.0
-"""Four seconds to settle and fifteen to learn, as in the papers."""
+"""Of a scene, as in the papers: the published model settles for four and learns for fifteen."""
 
 
 class NamedScene(NamedTuple):

@@ -22,7 +22,7 @@ VALUES: dict[str, Any] = {
 
 
 def test_the_default_model_is_that_of_the_kind_of_source() -> None:
-    assert default_model("two-bars") == "published"
+    assert default_model("two-bars") == "scale-free"
     for place in ("clip.mp4", "frames", "camera:0", "rtsp://10.0.0.1/stream"):
         assert default_model(place) == "foreground"
 

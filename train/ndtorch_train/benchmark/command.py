@@ -248,7 +248,7 @@ class Mixtures(Seeded):
 
     mixtures: int = 5
     """Number of mixtures of each kind and correlation."""
-    samples: int = 100_000
+    samples: int = 30_000
     """Number of samples of a mixture."""
 
     def benchmark(self) -> Benchmark:
