@@ -23,7 +23,7 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.
     assert main(["bind", "--resume", part, "--seconds", "0.7", "--pictures", "5", "--out", str(tmp_path / "rest")]) == 0
     assert capsys.readouterr().out.startswith("model  scale-free (that of the run that goes on)\n")
     state = same_state(tmp_path / "whole" / "two-bars", tmp_path / "rest" / "two-bars")
-    assert float(state["second.weights"].max()) > 0
+    assert float(state["second.network.weights"].max()) > 0
 
 
 @pytest.mark.usefixtures("undrawn")
