@@ -49,7 +49,7 @@ CASES = {
         bind two-bars --model ./void
         bind two-bars --model foreground --rule hebbian
         bind two-bars --model video => the model video is gone; foreground does its job
-        bind two-bars --rule hebian => did you mean hebbian?
+        bind two-bars --model published --rule hebian => did you mean hebbian?
         bind two-bars --rule scale-free => --model scale-free
         bind two-bars --model scale-free --order printed => --order is an option of published
         bind clip.avi --gamma 1 => --gamma is an option of published, scale-free; the model is foreground

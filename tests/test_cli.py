@@ -29,6 +29,7 @@ FILES = {
     "objects.json",
     "outputs.png",
     "report.html",
+    "responses.parquet",
     "state.safetensors",
     "weights.png",
     "weights_over_time.png",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,7 @@ from ndtorch.run.options import BindJob
 
 if TYPE_CHECKING:
     from ndtorch.report.films import EnhancedVideo, Overlay
+    from ndtorch.report.responses import ResponseFile
     from ndtorch.run.opening import Prepared
 
 MOVED = {"on": "--model foreground", "off": "--model published"}
@@ -96,7 +98,8 @@ class Bind(BindJob):
             film = self.film(prepared, folder.work)
             recording = None if self.rrd is None else RunRecording(self.rrd)
             timeline = TimelineFile(folder.work / "timeline.jsonl", source.size) if tracks else None
-            watching = (film, recording, masks, timeline, gallery, camera)
+            responses = self.responses(prepared, folder.work)
+            watching = (film, recording, masks, timeline, gallery, camera, responses)
             watchers: list[Watcher] = [one for one in watching if one is not None]
             total = None if source.length is None else source.length - prepared.start
             tell_if_long(total)
@@ -129,6 +132,9 @@ class Bind(BindJob):
                 recording.finish(in_words(result))
             trouble = write_result(result, prepared.about, folder.work, prepared.chosen, self.mask, gallery)
             trouble = trouble or (None if timeline is None else timeline.trouble)
+            if responses is not None:
+                responses.close()
+                trouble = trouble or responses.trouble
         except BaseException:
             folder.discard()
             raise
@@ -151,6 +157,16 @@ class Bind(BindJob):
         if result.interrupted:
             return INTERRUPTED
         return 0 if trouble is None and half is None and not result.silent else INCOMPLETE
+
+    @staticmethod
+    def responses(prepared: Prepared, folder: Path) -> ResponseFile | None:
+        """responses.parquet, of models over the whole field and where pyarrow is installed."""
+        from ndtorch.binding.models.whole_field import WholeFieldModel
+        from ndtorch.report.responses import ResponseFile
+
+        if find_spec("pyarrow") is None or not isinstance(prepared.model, WholeFieldModel):
+            return None
+        return ResponseFile(folder / "responses.parquet", prepared.model)
 
     def film(self, prepared: Prepared, folder: Path) -> EnhancedVideo | Overlay | None:
         """What is written of the pictures: every n-th frame, played at the speed at which it was taken."""

@@ -107,7 +107,7 @@ class RunRecording(Watcher):
             words = f"{FEATURES[picture.winner]} wins" if picture.winner >= 0 else "no winner yet"
             self.recording.frame(picture.time, picture.frame, picture.enhanced, words)
 
-    def signals(self, signals: Any, weights: Tensor) -> None:
+    def signals(self, signals: Any, weights: Tensor, state: Any) -> None:
         times = signals.time.tolist()
         for at, outputs in zip(times, over_fields(signals.outputs), strict=True):
             self.recording.outputs(at, outputs)

@@ -32,7 +32,7 @@ class MaskStore(Watcher):
         self._found: dict[tuple[int, int], int] | None = None
         self.size = (0, 0)
 
-    def signals(self, signals: Any, weights: Tensor) -> None:
+    def signals(self, signals: Any, weights: Tensor, state: Any) -> None:
         if self._full or not hasattr(signals, "labels"):
             return
         for time, labels in zip(signals.time.tolist(), signals.labels.cpu().numpy(), strict=True):

@@ -79,7 +79,7 @@ def run_model(
                 trace(outputs, weights, signals, learned)
                 cuts += signals.time[signals.cut].tolist() if hasattr(signals, "cut") else []
                 for watcher in watchers:
-                    watcher.signals(signals, learned)
+                    watcher.signals(signals, learned, state)
                 # Enhanced images need outputs of this very chunk; tracks do not.
                 due = pictures_per_second > 0 and frames_seen % every == 0
                 if due and (model.tracks or len(signals.time) > 0):

@@ -47,5 +47,5 @@ class Watcher:
         An object that stays in sight for long comes in parts with the same `track`.
         """
 
-    def signals(self, signals: Any, weights: Tensor) -> None:
-        """The model's signals of one chunk of frames, and its weights `[10, 10]` after it."""
+    def signals(self, signals: Any, weights: Tensor, state: Any) -> None:
+        """The model's signals of one chunk of frames, its weights `[10, 10]` and its state after it."""

@@ -24,7 +24,7 @@ class Notes(Watcher):
     def picture(self, picture: Picture) -> None:
         self.pictures.append(picture)
 
-    def signals(self, signals: Any, weights: torch.Tensor) -> None:
+    def signals(self, signals: Any, weights: torch.Tensor, state: Any) -> None:
         self.times += signals.time.tolist()
         self.weights.append(float(weights[0, 0]))
 
