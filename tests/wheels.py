@@ -84,8 +84,8 @@ TRIALS = (
         ),
         "sim",
         (
-            ("ndtorch", "drive", "--seconds", "2", "--record", "rec"),
-            ("ndtorch", "replay", "rec"),
+            ("ndtorch", "drive", "--seconds", "2", "--record", "rec.mcap"),
+            ("ndtorch", "replay", "rec.mcap"),
             ("ndtorch", "evaluate", "--arenas", "room", "--seconds", "1", "--seeds", "1000", "--jobs", "1"),
         ),
     ),
