@@ -70,7 +70,8 @@ def figure_ground(frames: npt.ArrayLike, params: FigureGroundParams | None = Non
         params: constants.
 
     Raises:
-        InputError: another shape, fewer frames, fewer than 32 x 32 pixels, or values that are not finite.
+        InputError: another shape, fewer frames, fewer than 32 x 32 pixels, values that are not finite, or constants
+            that leave no velocity for the figure.
     """
     p = params or FigureGroundParams()
     film = np.asarray(frames, np.float32)
@@ -80,7 +81,7 @@ def figure_ground(frames: npt.ArrayLike, params: FigureGroundParams | None = Non
         raise InputError("frames must be finite")
     images = local_contrast(film, p.surround)
     lags = np.arange(1, min(LAGS, len(film) - 1) + 1)
-    alike, maps = correlations(images, lags)
+    autocorrelation, maps = correlations(images, lags)
     line = np.arange(-p.fastest, p.fastest + 1e-9, p.step)
     grid = np.stack(np.meshgrid(line, line), -1)
     grid = grid[np.linalg.norm(grid, axis=-1) <= p.fastest + 1e-9]
@@ -89,9 +90,13 @@ def figure_ground(frames: npt.ArrayLike, params: FigureGroundParams | None = Non
     ground = refined(maps, lags, weights, grid[at_velocities(maps, lags, weights, grid).argmax()])
     weights = survival(maps, lags, ground, p.least_survival)
     ground = refined(maps, lags, weights, ground)
-    left = np.stack([without(image, alike, lag * ground) for image, lag in zip(maps, lags, strict=True)])
+    residual = np.stack(
+        [without_peak(image, autocorrelation, lag * ground) for image, lag in zip(maps, lags, strict=True)]
+    )
     grid = grid[np.linalg.norm(grid - ground, axis=-1) > p.least_difference]
-    value = at_velocities(left, lags, weights, grid)
+    if not len(grid):
+        raise InputError(f"least_difference must be less than fastest, got {p.least_difference:g} and {p.fastest:g}")
+    value = at_velocities(residual, lags, weights, grid)
 
     points = contrast_points(images, p.least_contrast)
     some = np.ascontiguousarray(points[:: 1 + len(points) // POINTS])
@@ -112,7 +117,7 @@ def figure_ground(frames: npt.ArrayLike, params: FigureGroundParams | None = Non
         far = np.linalg.norm(grid - tried[-1], axis=-1) >= 3 * p.step
         grid, value = grid[far], value[far]
     figure = max(tried, key=evidence)
-    figure = max((figure, refined(left, lags, weights, figure)), key=evidence)
+    figure = max((figure, refined(residual, lags, weights, figure)), key=evidence)
 
     base = products(images, points, ground, weights)
     change = np.clip((products(images, points, figure, weights) - base) / max(whole, 1e-6), -1, 1)
@@ -161,7 +166,7 @@ def refined(maps: Floats, lags: Any, weights: Numbers, velocity: Numbers) -> Num
     for _ in range(4):
         moved, total = np.zeros(2), 0.0
         for image, lag, weight in zip(maps, lags, weights, strict=True):
-            column, row = middle = np.rint(velocity * lag).astype(int)
+            column, row = middle = np.rint(velocity * lag).astype(int).clip(AROUND - REACH, REACH - AROUND)
             part = image[row + REACH - AROUND : row + REACH + AROUND + 1, column + REACH - AROUND :][
                 :, : 2 * AROUND + 1
             ]
@@ -185,10 +190,10 @@ def survival(maps: Floats, lags: Any, velocity: Numbers, least: float) -> Number
     return np.asarray(level)
 
 
-def without(image: Floats, alike: Floats, shift: Numbers) -> Floats:
+def without_peak(image: Floats, autocorrelation: Floats, shift: Numbers) -> Floats:
     """A correlation less the peak of the ground, which is that of an image with itself, displaced."""
     move = np.array([[1, 0, shift[0]], [0, 1, shift[1]]], np.float32)
-    peak = cv2.warpAffine(alike, move, alike.shape[::-1])
+    peak = cv2.warpAffine(autocorrelation, move, autocorrelation.shape[::-1])
     high = peak > 0.3 * peak.max()
     return np.asarray(image - image[high].sum() / max(float(peak[high].sum()), 1e-12) * peak, np.float32)
 

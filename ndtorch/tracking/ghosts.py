@@ -1,6 +1,6 @@
-"""Ghosts tell where an object stood before it left: one that stands from the first frame on is background.
+"""Ghosts: where an object stood before it left. What stands from the first frame on is background at first.
 
-It is detected as it walks off. Its ghost is where it was, and looks there as the first image of the scene does.
+It is detected as it walks off. Its ghost lies where it stood, and looks there as the first image of the scene does.
 """
 
 from __future__ import annotations
