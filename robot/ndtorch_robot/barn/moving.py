@@ -49,7 +49,7 @@ def moving_cylinders(world: World, count: int, seed: int) -> tuple[Mover, ...]:
             points = np.concatenate((before[::-1], met[None], after))
             when = share * length / EXPECTED + late
             mover = Mover(tuple(map(tuple, points.tolist())), speed, len(before) * STEP - speed * when)
-            if best is None or least > best[0]:
+            if len(points) > 1 and (best is None or least > best[0]):
                 best = (least, mover)
             if least >= SHORTEST:
                 break
