@@ -17,6 +17,7 @@ from ndtorch.navigation.controllers.scaled import controller_for_body
 from ndtorch.navigation.localisation.localiser import Localiser
 from ndtorch.navigation.localisation.ndt import from_sparse
 from ndtorch.navigation.localisation.params import LocaliserParams
+from ndtorch.navigation.mapping.certainty import SEARCH_SPREAD_PX
 from ndtorch.navigation.mapping.grid_map import Certainty, Grid, GridMap
 from ndtorch.navigation.mapping.map_files import load_map
 from ndtorch.navigation.model import Navigator
@@ -134,7 +135,9 @@ class NavigatorOptions:
             follow_reach_px=FOLLOW if self.prediction else 0,
             ahead_count=round(self.ahead_share * self.features),
         )
-        grid_map = None if grid is None else GridMap(rig, grid, certainty=self.map_update)
+        search = self.search(rig, body)
+        spread = 1.0 if search is None else SEARCH_SPREAD_PX
+        grid_map = None if grid is None else GridMap(rig, grid, certainty=self.map_update, spread_px=spread)
         return Navigator(
             rig,
             1 / rate,
@@ -142,7 +145,7 @@ class NavigatorOptions:
             params=controller_class(self.controller).params_for(self.task()),
             features=features,
             angles=self.angle,
-            search=self.search(rig, body),
+            search=search,
             grid_map=grid_map,
             near_check=near_check,
             localiser=self.localiser(rig, rate),

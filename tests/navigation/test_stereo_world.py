@@ -8,6 +8,8 @@ import pytest
 import torch
 
 from ndtorch.navigation import DeadReckoning, FeatureParams, Grid, GridMap, MatchParams, Pose, StereoRanging, StereoRig
+from ndtorch.navigation.mapping.certainty import SEARCH_SPREAD_PX
+from ndtorch.navigation.stereo.search import SearchParams
 from tests.navigation import planar_world
 from tests.navigation.planar_world import PlanarWorld
 
@@ -133,3 +135,15 @@ def test_map_of_a_hallway():
     assert apart.sum() >= 4
     assert np.median(np.abs(spacing[apart] / wanted[apart] - 1)) < 0.03
     assert math.isclose(float(cells.max()), 1.0)
+
+
+def test_map_of_a_search_lies_on_a_far_wall():
+    """Beams are as wide as the errors of a search are, so that a wall 5 m ahead is in the map where it is."""
+    world, grid = PlanarWorld([[(5.0, -3.0), (5.0, 3.0)]], panels=(0.05, 0.2)), Grid(0.0, 9.0, -4.0, 4.0)
+    _, _, ranges, pose = measure(world, steps=10, noise=0.003, search=SearchParams(rows=1))
+    pose, share = Pose(*(part.float() for part in pose)), []
+    for spread in (SEARCH_SPREAD_PX, 1.0):
+        cells, _ = GridMap(RIG, grid, spread_px=spread)(ranges, pose)
+        x, _ = grid.center(torch.zeros(1), torch.arange(grid.columns))
+        share.append(float(cells[:, (x - 5.0).abs() < 0.1].sum() / cells.sum()))
+    assert share[0] > 0.85 and share[1] < 0.4, share

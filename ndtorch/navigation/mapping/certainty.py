@@ -49,6 +49,10 @@ def certainty(x: Tensor, y: Tensor, ranges: Ranges, rig: StereoRig, reach: float
     return left * right * valid
 
 
+SEARCH_SPREAD_PX = 0.2
+"""Standard deviation of the beams of a search. In textured arenas 68 % of its disparities are within .15 to .4 pixels
+of the true ones."""
+
 BEYOND_SIGHT = 100.0
 """Metres at which rays that do not meet are cut off."""
 
@@ -65,16 +69,20 @@ class BeamTable(NamedTuple):
     weight: Tensor
 
 
-def beam_table(rig: StereoRig, farthest: float, spacing: float, sigmas: float = 3.0) -> BeamTable:
+def beam_table(
+    rig: StereoRig, farthest: float, spacing: float, sigmas: float = 3.0, spread_px: float = 1.0
+) -> BeamTable:
     """A table of places for `sample_certainty`.
 
     A product of beams is a few millimetres wide and decimetres long, so a grid of cells would miss it. Here
     the places are laid along and across it: `spacing` metres apart along, at the range `farthest` and less
-    nearer by, and half a standard deviation across, which is one or two millimetres.
+    nearer by, and half a standard deviation across, which is one or two millimetres. `spread_px` is the standard
+    deviation of a beam.
     """
-    if not all(0 < number < math.inf for number in (farthest, spacing, sigmas)):
-        raise InputError(f"expected positive numbers, got farthest={farthest}, spacing={spacing}, sigmas={sigmas}")
-    sigma = math.tan(rig.pixel_angle)
+    if not all(0 < number < math.inf for number in (farthest, spacing, sigmas, spread_px)):
+        given = f"farthest={farthest}, spacing={spacing}, sigmas={sigmas}, spread_px={spread_px}"
+        raise InputError(f"expected positive numbers, got {given}")
+    sigma = math.tan(rig.pixel_angle) * spread_px
     # Off the axes by s sigma / sqrt(2) each, the rays meet farthest^2 sqrt(2) sigma s / baseline nearer by.
     step = min(0.5, spacing * rig.baseline / (farthest**2 * math.sqrt(2) * sigma))
     half = math.ceil(sigmas / step)

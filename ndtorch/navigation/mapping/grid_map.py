@@ -147,6 +147,7 @@ class GridMap(nn.Module):
         farthest: range up to which places along a beam are at most half a cell apart, m.
         certainty: what a cell holds, `"beams"` or `"log-odds"`.
         odds: numbers of the log-odds.
+        spread_px: standard deviation of a beam, pixels; [A] has 1.
 
     Raises:
         InputError: ranges and poses that do not belong together, or a state of another grid.
@@ -166,15 +167,17 @@ class GridMap(nn.Module):
         farthest: float = 2.2,
         certainty: Certainty = "beams",
         odds: LogOdds | None = None,
+        spread_px: float = 1.0,
     ) -> None:
         super().__init__()
         check_number("reach", reach, above=0, unit="metres", endless=True)
         check_number("farthest", farthest, above=0, unit="metres")
+        check_number("spread_px", spread_px, above=0, unit="pixels")
         if certainty not in get_args(Certainty):
             raise InputError(f"certainty must be 'beams' or 'log-odds', got {certainty!r}")
         self.rig, self.grid, self.reach = rig, grid or Grid(), reach
         self.certainty, self.odds = certainty, odds or LogOdds()
-        table = beam_table(rig, farthest, self.grid.cell / 2)
+        table = beam_table(rig, farthest, self.grid.cell / 2, spread_px=spread_px)
         self.register_buffer("tangent", table.tangent, persistent=False)
         self.register_buffer("weight", table.weight, persistent=False)
         # One place a cell at the farthest range: nearer lines meet a cell more often than once, see `sight`.
