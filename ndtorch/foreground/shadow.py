@@ -24,7 +24,7 @@ LIGHT_OFFSET = 0.02
 """This much light is added to image and background before their ratio is taken."""
 NARROW_TINT = 0.05
 """A narrow shadow changes the colors' shares by at most this."""
-MIN_COLORFULNESS = 0.03
+MIN_COLORFULNESS = 0.015
 """Narrow shadows are looked for if the background has this mean distance between its largest and smallest color."""
 
 

@@ -17,6 +17,8 @@ from ndtorch.tracking.track import Track, is_small
 
 ISOLATION_DISTANCE = 0.2
 """A small blob is isolated if larger ones are at least this far away (fraction of the height)."""
+SHADOW_COLUMNS = 5
+"""Columns are compared by the sum over so many."""
 MIN_PART_RATIO = 0.2
 """A blob is cut only if each part has at least this share of it."""
 
@@ -66,7 +68,11 @@ def detect_blobs(
         ghost = ghosts(free, still, seen.grey, seen.background, smallest)
     if ghost is not None:
         mask = mask & ~ghost
-    found = connected_components(mask, min(p.min_area_isolated_ratio, p.min_area_ratio) * pixels, p.closing_px)
+    least = min(p.min_area_isolated_ratio, p.min_area_ratio) * pixels
+    found = connected_components(mask, least, p.closing_px)
+    cast = cast_shadows(found, mask, seen.narrow_shadow)
+    if cast is not None:
+        found = connected_components(mask & ~cast, least, p.closing_px)
     return drop_fragments(split_blobs(found, p.split_notch_ratio, smallest), tracks, time, p), ghost
 
 
@@ -88,6 +94,29 @@ def connected_components(mask: Bools, smallest: float, gap: int) -> Blobs:
     found = np.empty((((len(marks) + 1) // 2) * ((marks.shape[1] + 1) // 2), 5), np.int64)
     number = label_components(marks, float(smallest), labels, found)
     return Blobs(labels, found[:number, :4].copy(), found[:number, 4].copy())
+
+
+def cast_shadows(blobs: Blobs, mask: Bools, narrow: Bytes) -> Bools | None:
+    """Narrow shadows that objects cast beside them, `[h, w]`; None without any.
+
+    They are columns of a blob most of whose pixels may be narrow shadow, beside others where most are not.
+
+    Args:
+        mask: foreground, and narrow: 1 where a narrow shadow may be, `[h, w]`.
+    """
+    if not (narrow.view(np.bool_) & mask).any():
+        return None
+    found = None
+    for r, (top, left, bottom, right) in enumerate(blobs.boxes.tolist()):
+        window = (slice(top, bottom), slice(left, right))
+        own = (blobs.labels[window] == r + 1) & mask[window]
+        shadow = own & (narrow[window] > 0)
+        excess = np.convolve(2 * shadow.sum(0) - own.sum(0), np.ones(SHADOW_COLUMNS))
+        cast = excess[SHADOW_COLUMNS // 2 :][: right - left] > 0
+        if cast.any() and not cast.all():
+            found = np.zeros_like(mask) if found is None else found
+            found[window] |= shadow & cast
+    return found
 
 
 def split_blobs(blobs: Blobs, notch: float, least: float) -> Blobs:

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import ndtorch
-from ndtorch.tracking.blobs import connected_components, split_blobs
+from ndtorch.tracking.blobs import cast_shadows, connected_components, split_blobs
 from tests.foreground.passing_scenes import SIZE, ground
 
 
@@ -66,6 +66,17 @@ def test_a_narrow_shadow_that_passes_is_no_object_and_a_thing_of_its_form_is_one
     """Four rows: all of it is edge, so that its light is as uneven as that of a thing."""
     colored = ground() * torch.tensor([1.0, 0.9, 0.8])[:, None, None]
     assert objects_of_a_strip(colored, blue) == objects
+
+
+def test_a_narrow_shadow_beside_its_object_is_cut_off_and_dark_legs_below_a_body_are_not() -> None:
+    body, legs, shadow = np.zeros((3, 60, 80), bool)
+    body[10:30, 20:30], legs[30:40, 22:25], shadow[38:42, 25:60] = True, True, True
+    mask, narrow = body | legs | shadow, (legs | shadow).astype(np.uint8)
+    cast = cast_shadows(connected_components(mask, 10, 0), mask, narrow)
+    assert cast is not None
+    assert not (cast & (body | legs)).any()
+    assert cast[:, 32:].sum() == shadow[:, 32:].sum()
+    assert cast_shadows(connected_components(body | legs, 10, 0), body | legs, legs.astype(np.uint8)) is None
 
 
 def test_in_a_film_without_colors_a_narrow_dark_thing_is_an_object() -> None:
