@@ -8,14 +8,16 @@ import math
 from collections.abc import Callable, Collection, Iterable
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError, did_you_mean
 
 AnyClass = TypeVar("AnyClass", bound=type)
+Some = TypeVar("Some")
 
 FEW = 64
 """So many numbers are added sooner in Python than torch is called."""
@@ -118,6 +120,61 @@ def check_state(state: Any, kind: type, *, meta: bool = False) -> None:
                 check_dense(f"state.{field}", value, meta=meta)
                 if has_values(value) and value.is_floating_point() and holds_nan(value):
                     raise InputError(f"state.{field} must be finite, got NaN")
+
+
+class Returned:
+    """Marks a state as one that a module has returned, see `returned`."""
+
+    __slots__ = ()
+
+
+def returned(state: Some) -> Some:
+    """The same named tuple, of a class of its own that `check_values` lets pass.
+
+    What is made of it, by `_replace`, a constructor, a copy or a file, is of the usual class again. So the states that
+    go from step to step cost nothing, and all others are looked at once.
+    """
+    if torch.compiler.is_compiling():
+        return state
+    kind, values = cast(Any, type(state)), cast(Any, state)
+    marked: Some = tuple.__new__(returned_kind(kind), values)
+    return marked
+
+
+@functools.cache
+def returned_kind(kind: Any) -> Any:
+    if issubclass(kind, Returned):
+        return kind
+    own = {
+        "__slots__": (),
+        "__annotations__": kind.__annotations__,
+        "__module__": kind.__module__,
+        "__new__": lambda cls, *values, **named: kind(*values, **named),
+        "_make": kind._make,
+        "__reduce__": lambda self: (kind, tuple(self)),
+    }
+    return type(kind.__name__, (kind, Returned), own)
+
+
+def check_values(name: str, value: Any) -> None:
+    """Raise `InputError` where a nested tuple of tensors, arrays and numbers holds NaN, unless a module returned it."""
+    if isinstance(value, Returned):
+        return
+    bad = False
+    if isinstance(value, tuple):
+        last = None
+        for field, part in zip(getattr(value, "_fields", map(str, range(len(value)))), value, strict=True):
+            if part is not last:  # most tiles of a map are one and the same empty one
+                check_values(f"{name}.{field}", part)
+            last = part
+    elif isinstance(value, Tensor):
+        bad = has_values(value) and value.layout == torch.strided and value.is_floating_point() and holds_nan(value)
+    elif isinstance(value, np.ndarray):
+        bad = value.dtype.kind == "f" and bool(np.isnan(value).any())
+    else:
+        bad = isinstance(value, float) and math.isnan(value)
+    if bad:
+        raise InputError(f"{name} must be finite, got NaN")
 
 
 def holds_nan(value: Tensor) -> bool:

@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_kind
+from ndtorch.arguments import check_kind, check_values, returned
 from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body, match_params, proximity_params, rig_in_units, search_params
 from ndtorch.navigation.controllers.contract import Command, Controller
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.controllers.scaled import controller_for_body
 from ndtorch.navigation.localisation.localiser import Localiser
-from ndtorch.navigation.localisation.state import LocaliserState, frame_pose
+from ndtorch.navigation.localisation.state import LocaliserState
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
 from ndtorch.navigation.mapping.grid_map import in_tensors
@@ -166,7 +166,9 @@ class Navigator(nn.Module):
         try:
             if state is not None:
                 check_known(state)
-            return self.frame_by_frame(ours, theirs, state, driven, start, shape)
+                check_values("state", state)
+            command, state = self.frame_by_frame(ours, theirs, state, driven, start, shape)
+            return command, returned(state)
         except InputError:
             raise
         except Exception:
@@ -309,7 +311,7 @@ class Navigator(nn.Module):
         if self.backend == "numba" and (self.observations or self.tracker or state.located):
             ranges, poses = in_tensors(ranges, poses)
         if grid is not None and state.located is not None:
-            grid = log_ranges(grid, ranges, [frame_pose(state.located)])
+            grid = log_ranges(grid, Ranges(*(part[0] for part in ranges)), state.located)
         if self.observations is not None:
             _, seen = self.observations(ranges, poses, seen)
         if self.tracker is not None:

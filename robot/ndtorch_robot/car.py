@@ -97,7 +97,7 @@ class Car:
 
     def step(self, number: int, now: float) -> None:
         timer, clock = self.loop.timer, self.loop.clock
-        driven, frames = self.drive.driven(), self.see()
+        driven, frames = self.safe.driven(), self.see()
         # A step that waits for its cameras begins when they have answered.
         self.note_start(clock.now() if isinstance(clock, CameraClock) else now)
         wanted, restarted, placed = STAND, False, None

@@ -84,7 +84,12 @@ class NavigatorRunner:
             driven: motion of the car since the step before.
             placed: the place to which a person has moved the car since then.
             anew: the car was stopped, or saw nothing, since then.
+
+        Raises:
+            InputError: a time, a motion or a place that is not finite, or frames that cannot be used.
         """
+        if not math.isfinite(frames.time):
+            raise InputError(f"the time of the frames must be finite, got {frames.time}")
         if self.new_goal is not None and self.state is not None:
             goal, self.new_goal = self.new_goal, None
             self.state = self.state._replace(control=self.navigator.controller.on_goal(self.state.control, goal))

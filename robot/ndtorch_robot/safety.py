@@ -112,6 +112,14 @@ class SafeDrive:
         self.seen, self.blindness = frames.time, None
         return True
 
+    def driven(self) -> DriveCommand:
+        """Motion since the last call, as of the drive; numbers that are not finite stop the car and count as none."""
+        driven = self.drive.driven()
+        if math.isfinite(driven.speed + driven.curvature):
+            return driven
+        self.fault(f"the odometry is not finite: {driven}", FaultKind.DRIVE)
+        return STAND
+
     def blind(self, why: str, kind: FaultKind = FaultKind.MISSING) -> None:
         self.blindness = why
         self.fault(why, kind)

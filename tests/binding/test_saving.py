@@ -144,4 +144,4 @@ def test_moving_to_another_device_leaves_the_counters() -> None:
     assert moved.second.stopped.device.type == "meta"
     assert moved.second.steps.device.type == moved.resample.taken.device.type == "cpu"
     assert int(moved.second.steps) == 4
-    assert type(moved) is type(state)
+    assert isinstance(state, type(moved))

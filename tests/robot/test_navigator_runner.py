@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.navigator_runner import NavigatorRunner
@@ -20,6 +21,19 @@ def pilot_on_its_way(frames, steps=30):
     for _ in range(steps):
         runner.step(next(frames), DRIVEN)
     return runner
+
+
+def test_times_motion_and_places_are_finite():
+    frames = moving_world(3, RIG)
+    runner, seen = pilot_on_its_way(frames, 2), next(frames)
+    for when, driven, placed in (
+        (math.nan, (0.1, 0.0), None),
+        (0.1, (math.nan, 0.0), None),
+        (0.1, (0.1, math.inf), None),
+        (0.1, (0.1, 0.0), (0.0, math.nan, 0.0)),
+    ):
+        with pytest.raises(InputError, match="finite"):
+            runner.step(seen._replace(time=when), DriveCommand(*driven), placed)
 
 
 def pose(runner):

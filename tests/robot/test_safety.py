@@ -53,6 +53,18 @@ def test_nobody_else_has_the_seal():
     assert drives == 4  # simulated, serial, MAVLink, and recorded, which moves nothing
 
 
+@pytest.mark.parametrize("motion", [(math.nan, 0.0), (0.1, math.inf)])
+def test_odometry_that_is_not_finite_stops_the_car_and_counts_as_none(motion):
+    _, drive, lines, safe = make()
+    drive.driven = lambda: DriveCommand(*motion)
+    assert safe.driven() == DriveCommand(0.0, 0.0)
+    assert safe.kind is FaultKind.DRIVE
+    assert "not finite" in lines[0]
+    assert safe.send(CRUISE).speed == 0.0
+    drive.driven = lambda: CRUISE
+    assert safe.driven() == CRUISE
+
+
 def make(frame_check=False):
     clock, drive, lines = SimulatedClock(), PlainDrive(), []
     safe = SafeDrive(drive, clock, LIMITS, FrameCheck(RIG, 30, 0.1) if frame_check else None, lines.append)

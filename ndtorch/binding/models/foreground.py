@@ -12,7 +12,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from ndtorch.arguments import check_dense, check_state
+from ndtorch.arguments import check_dense, check_state, check_values, returned
 from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, states_of
 from ndtorch.binding.models.scale_free import RuleConstants
@@ -228,6 +228,7 @@ class ForegroundModel(BindingModel):
         if frames.requires_grad and torch.is_grad_enabled():
             raise InputError("foreground has no gradients: detach the frames")
         check_state(state, ForegroundState)
+        check_values("state", state)
         state = self._start() if state is None else state
         work, ended = None if state.scene is None else self._resume(state.scene), list[Track]()
         waiting, counted, time = state.waiting, int(state.frames), float(state.time)
@@ -267,7 +268,7 @@ class ForegroundModel(BindingModel):
         numbers = torch.from_numpy(np.stack(labels) if labels else none)
         masks = torch.from_numpy(np.stack([step.mask for step in steps])) if steps else numbers.to(torch.uint8)
         at, cuts = torch.tensor(times, dtype=torch.float64), torch.tensor([step.cut for step in steps]).bool()
-        return ForegroundSignals(inputs, outputs, numbers, masks, at, cuts), after
+        return ForegroundSignals(inputs, outputs, numbers, masks, at, cuts), returned(after)
 
     def _start(self) -> ForegroundState:
         """The state before the first frame."""

@@ -360,8 +360,10 @@ class SaccadeController(Controller):
         check_kind("state", state, SaccadeState)
         frames, low = array_frames(left, right, self.size), np.empty(self.shape, np.float32)
         before, machine = (low, SETTLED) if state is None else (checked(state.low, self.shape), tuple(state.machine))
-        command, machine = saccade_step(*frames[:4], before, machine, state is None, low, self.packed)
-        return Command(*command), SaccadeState(low, AvoidanceState(*machine))
+        command, after = saccade_step(*frames[:4], before, machine, state is None, low, self.packed)
+        if not math.isfinite(sum((*machine, *after))):  # whole numbers were seen: NaN is of the state, and would stay
+            raise InputError(f"state must be finite, got {state}")
+        return Command(*command), SaccadeState(low, AvoidanceState(*after))
 
     @property
     def trace(self) -> Trace:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from torch import Tensor, from_numpy
 
-from ndtorch.arguments import check_number, check_state
+from ndtorch.arguments import check_number, check_state, check_tensor, check_values, returned
 from ndtorch.errors import InputError
 from ndtorch.navigation.localisation import pose_filter, relocalisation, submap, wheel_odometry
 from ndtorch.navigation.localisation._kernels import Cells
@@ -98,11 +98,16 @@ class Localiser:
 
     def __call__(self, rows: Tensor | None, reckoned: Pose, state: LocaliserState | None = None) -> LocaliserState:
         check_state(state, LocaliserState)
+        check_values("state", state)
         if np.ndim(reckoned.x) or (rows is not None and rows.ndim != 2):
             raise InputError(f"localise knows one car at a time, got poses {np.shape(reckoned.x)}")
         pose, due = as_array(reckoned), self.due(state)
         if due and rows is None:
             raise InputError("this step looks at the rows, see `due`, but there are none")
+        if not math.isfinite(pose.sum()):
+            raise InputError(f"reckoned must be finite, got {reckoned}")
+        if rows is not None:
+            check_tensor("rows", rows)
         state = self.start(pose) if state is None else state
         state = state._replace(wheels=wheel_odometry.predict(state.wheels, pose, self.dt))
         state = self.move(state, wheel_odometry.calibrated_pose(state.wheels), self.dt)
@@ -115,7 +120,7 @@ class Localiser:
                 state = self.close_loops(state, state.graph)
             for _ in range(math.ceil(REPLAY_SPEED / self.every)):
                 state = state if state.log is None else self.replay(state, state.log)
-        return state._replace(age=state.age + 1)
+        return returned(state._replace(age=state.age + 1))
 
     def start(self, pose: Floats) -> LocaliserState:
         """The state of a car at a pose that has mapped nothing yet."""

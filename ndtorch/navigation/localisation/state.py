@@ -16,8 +16,9 @@ from ndtorch.navigation.localisation.submap import Calibration, SubmapGraph
 from ndtorch.navigation.localisation.wheel_odometry import WheelCalibration
 from ndtorch.navigation.mapping.range_log import FramePose, Frames
 
-KNOWN_MAP = -1.0
-"""Number of the frame of a known map, which never moves."""
+KNOWN_MAP, KNOWN_SIDE_M, KNOWN_SIDES = -1, 4.0, 16
+"""Number of the first of the frames of a known map, which never move and are all the same: one for the places in each
+of so many squares a side."""
 
 
 class LogEntry(NamedTuple):
@@ -143,7 +144,8 @@ def frame_pose(state: LocaliserState) -> FramePose | None:
     if state.relocalisation is not None:
         return None
     if state.graph is None:
-        return FramePose(KNOWN_MAP, tuple(state.pose.tolist()))
+        row, column = (state.pose[:2] // KNOWN_SIDE_M + KNOWN_SIDES // 2).clip(0, KNOWN_SIDES - 1).tolist()
+        return FramePose(KNOWN_MAP - row * KNOWN_SIDES - column, tuple(state.pose.tolist()))
     graph = state.graph
     frame, base = float(graph.begun[-1]), graph.poses[-1]
     if state.log is not None and len(graph.scans):
@@ -152,11 +154,26 @@ def frame_pose(state: LocaliserState) -> FramePose | None:
     return FramePose(frame, tuple(relative_pose(base, state.pose).tolist()))
 
 
+def lasting_frame(state: LocaliserState, frame: float) -> FramePose | None:
+    """Where a frame that has ended stands in one that lasts: itself, or that of the submap that it was merged into.
+
+    None for a frame that is gone.
+    """
+    graph = state.graph
+    if graph is None or frame in graph.begun or frame in graph.scans[:, 0]:
+        return FramePose(frame, (0.0, 0.0, 0.0))
+    for number, submap, *at in graph.merged_submaps[::-1].tolist():
+        if number == frame:
+            return FramePose(float(graph.begun[int(submap)]), tuple(at))
+    return None
+
+
 def map_frames(state: LocaliserState) -> Frames:
     """The present poses of all frames of `frame_pose`."""
     graph = state.graph
     if graph is None:
-        return Frames(torch.tensor([KNOWN_MAP], dtype=torch.float64), torch.zeros(1, 3, dtype=torch.float64))
+        known = KNOWN_MAP - torch.arange(KNOWN_SIDES**2, dtype=torch.float64)
+        return Frames(known, torch.zeros(len(known), 3, dtype=torch.float64))
     more = np.concatenate((graph.merged_submaps, graph.scans))
     poses = compose_poses(graph.poses[more[:, 1].astype(np.int64)], more[:, 2:])
     numbers = np.concatenate((graph.begun, more[:, 0]))

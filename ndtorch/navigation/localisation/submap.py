@@ -45,6 +45,9 @@ MAX_CANDIDATES = 10
 MAX_POINTS = 100
 """Points of a submap that are matched with others, at most."""
 
+MAX_MERGED = 256
+"""Frames of dropped submaps that are kept: what stands in them follows to the frame that lasts."""
+
 GRAPH_ITERATIONS = 2
 """Gauss-Newton iterations of the pose graph after each submap."""
 
@@ -78,8 +81,8 @@ class SubmapGraph(NamedTuple):
         driven: odometry since then.
         loop_closures: edges between submaps, `[E, 11]`, see `pose_graph.EDGE`.
         candidates: pairs still to be matched, and the covariance of the second in the frame of the first, `[n, 11]`.
-        merged_submaps: frames of dropped submaps, which move with the finished one that overlaps them most, `[n, 5]`:
-            step at which it began, index of that submap, pose in its frame.
+        merged_submaps: frames of the last dropped submaps, which move with the finished one that overlaps them most,
+            `[n, 5]`: step at which it began, index of that submap, pose in its frame.
         scans: the same for single scans, numbered half a step late, while the log may still be replayed.
         learning_s: submaps begun before this time are used only where no other shows anything.
         unconfirmed: loop closures that would move many submaps and wait for another one, `[n, 11]`.
@@ -135,7 +138,8 @@ def merge_into(graph: SubmapGraph, index: int) -> SubmapGraph:
     here = scans[:, 1] == len(graph.submaps)
     scans[here, 2:] = compose_poses(at, scans[here, 2:])
     scans[here, 1] = index
-    return graph._replace(merged_submaps=np.concatenate((graph.merged_submaps, row)), scans=scans)
+    merged = np.concatenate((graph.merged_submaps[1 - MAX_MERGED :], row))
+    return graph._replace(merged_submaps=merged, scans=scans)
 
 
 def add_scan_frame(graph: SubmapGraph, pose: Floats, age: int) -> SubmapGraph:

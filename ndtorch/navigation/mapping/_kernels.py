@@ -50,7 +50,7 @@ def beam_cells(
         numbers, weights: filled with indices of cells and certainties per area, `[n * S]`.
 
     Returns:
-        How many there are; features that are not valid have none.
+        How many there are; features that are not valid have none. -1 where an angle or the pose is not finite.
     """
     kind, count, m = weights.dtype.type, 0, map_numbers[0]
     baseline, forward, decay, half = kind(m.baseline), kind(m.forward), kind(-1 / m.reach), kind(m.baseline / 2)
@@ -60,9 +60,13 @@ def beam_cells(
     begin, bottom, per = kind(m.left), kind(m.bottom), kind(1 / m.cell)
     last_row, last_column = kind(tables.down.shape[0] - 1), kind(tables.across.shape[0] - 1)
     scale = kind(1 / m.cell**2)
+    if not math.isfinite(here + there + cos):
+        return -1
     for i in range(rays.valid.shape[0]):
         if not rays.valid[i]:
             continue
+        if not math.isfinite(rays.left_angle[i] + rays.right_angle[i]):
+            return -1
         left_tan, right_tan = kind(math.tan(rays.left_angle[i])), kind(math.tan(rays.right_angle[i]))
         for s in range(tables.weight.shape[0]):
             one, other = tables.tangent[0, s], tables.tangent[1, s]

@@ -10,7 +10,15 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_numbers, check_state, check_tensor, surely_finite
+from ndtorch.arguments import (
+    check_number,
+    check_numbers,
+    check_state,
+    check_tensor,
+    check_values,
+    returned,
+    surely_finite,
+)
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping._kernels import MapNumbers, MapTables, Rays, beam_cells
 from ndtorch.navigation.mapping.certainty import REACH, BeamTable, beam_table, sample_certainty
@@ -200,6 +208,7 @@ class GridMap(nn.Module):
         """The state after ranges `[..., T, n]` seen from poses `[..., T]`; or after those of one frame, arrays `[n]`,
         seen from a pose of numbers."""
         check_state(state, GridMapState)
+        check_values("state", state)
         if all(isinstance(part, np.ndarray) for part in ranges):
             if self.certainty == "beams" and kernels_wanted():
                 return self.add_frame(ranges, pose, state)
@@ -215,13 +224,13 @@ class GridMap(nn.Module):
             x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
             number = self.numbers(*to_world(pose, x, y))
             tiles = add_at(tiles, number.flatten(-3), (weight * (1 / self.grid.cell**2)).flatten(-3))
-            return GridMapState(tiles, state and state.log)
+            return returned(GridMapState(tiles, state and state.log))
         x, y, change = self.sight(ranges)
         number = self.numbers(*to_world(pose, x, y))
         for t in range(number.shape[-3]):  # frame by frame, because no frame may take a cell over the limit
             at, now = number[..., t, :, :].flatten(-2), change[..., t, :, :].flatten(-2)
             tiles = add_at(tiles, at, now, self.odds.limit)
-        return GridMapState(tiles, state and state.log)
+        return returned(GridMapState(tiles, state and state.log))
 
     def warm_up(self) -> None:
         """Compile or load the kernels."""
@@ -237,7 +246,9 @@ class GridMap(nn.Module):
         number, weight = np.empty(most, np.int64), np.empty(most, x.dtype)
         rays = Rays(ranges.left_angle, ranges.right_angle, ranges.valid)
         count = beam_cells(rays, tuple(pose), self.tables, self.map_numbers, number, weight)
-        return GridMapState(add_by_kernel(tiles, number[:count], weight[:count]), state and state.log)
+        if count < 0:
+            raise InputError("ranges and pose must be finite, got NaN or infinite values")
+        return returned(GridMapState(add_by_kernel(tiles, number[:count], weight[:count]), state and state.log))
 
     def numbers(self, x: Tensor, y: Tensor) -> Tensor:
         """Indices of the cells that hold points of the world, for `add_at`."""
@@ -277,11 +288,13 @@ def in_tensors(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
 
 def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:
     """The batch shape of ranges `[..., T, n]` and poses `[..., T]`, which must be finite and of one shape."""
-    if torch.compiler.is_compiling() or not surely_finite((*pose, ranges.x, ranges.y)):
+    if torch.compiler.is_compiling() or not surely_finite((*pose, *ranges[1:5])):
         for name, value in zip(Pose._fields, pose, strict=True):
             check_tensor(f"pose.{name}", value, half=False)
         check_tensor("ranges.x", ranges.x, half=False)
         check_tensor("ranges.y", ranges.y, half=False)
+        check_tensor("ranges.left_angle", ranges.left_angle, half=False)
+        check_tensor("ranges.right_angle", ranges.right_angle, half=False)
     if ranges.x.ndim < 2 or ranges.x.shape[:-1] != pose.x.shape:
         raise InputError(
             f"ranges and poses must go together, ranges.x [..., T, n] and pose.x [..., T], "

@@ -6,15 +6,16 @@ localiser logs its ranges, which takes a step next to no time, and is rendered w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 
 import torch
 from torch import Tensor
 
-from ndtorch.navigation.localisation.state import map_frames
+from ndtorch.arguments import returned
+from ndtorch.navigation.localisation.state import LocaliserState, frame_pose, lasting_frame, map_frames
 from ndtorch.navigation.mapping.grid_map import GridMap, GridMapState
-from ndtorch.navigation.mapping.range_log import FramePose, Frames, RangeLog, add_ranges, empty_log, in_world
-from ndtorch.navigation.odometry import Pose, to_world
+from ndtorch.navigation.mapping.range_log import Frames, RangeLog, add_ranges, empty_log, in_world, repetitions
+from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.state import NavigatorState
 from ndtorch.navigation.stereo.ranging import Ranges
 
@@ -24,18 +25,17 @@ CHUNK = 256
 MIN_RATIO = 0.05
 """Cells of less than this share of the largest are set to zero."""
 
-SQUARE_M, MAX_VIEWS = 0.15, 5
-"""Side of a square, and how many ranges of a place in one square count from poses in another: as many as a car makes
-that passes once."""
+MAX_VIEWS = 5
+"""Ranges of one place that count from another: as many as a car makes that passes once."""
 
 
-def log_ranges(state: GridMapState, ranges: Ranges, poses: Sequence[FramePose | None]) -> GridMapState:
-    """The state with ranges `[T, n]` logged at poses in frames; those without a pose are left out."""
+def log_ranges(state: GridMapState, ranges: Ranges, located: LocaliserState) -> GridMapState:
+    """The state with ranges `[n]` logged in the present frame of a localiser; as it is during relocalisation."""
+    at = frame_pose(located)
+    if at is None:
+        return state
     log = empty_log() if state.log is None else state.log
-    for t, pose in enumerate(poses):
-        if pose is not None:
-            log = add_ranges(log, pose, Ranges(*(part[t] for part in ranges)))
-    return state._replace(log=log)
+    return returned(state._replace(log=add_ranges(log, at, ranges, partial(lasting_frame, located))))
 
 
 def render(grid_map: GridMap, log: RangeLog, frames: Frames) -> Tensor:
@@ -57,14 +57,7 @@ def informative(ranges: Ranges, poses: Pose) -> Tensor:
 
     Without this a car that circles in one room would give that room nearly all evidence of the map.
     """
-    x, y = to_world(poses, ranges.x[:, 0], ranges.y[:, 0])
-    squares = torch.stack([(part / SQUARE_M).floor().long() for part in (poses.x, poses.y, x, y)], -1)
-    group = torch.unique(squares, dim=0, return_inverse=True)[1]
-    order = group.argsort(stable=True)
-    ordered = group[order]
-    before = torch.empty_like(order)
-    before[order] = torch.arange(len(order)) - torch.searchsorted(ordered, ordered)
-    return before < MAX_VIEWS
+    return repetitions(poses, ranges.x[:, 0], ranges.y[:, 0]) < MAX_VIEWS
 
 
 def map_cells(grid_map: GridMap, state: NavigatorState | None) -> Tensor:

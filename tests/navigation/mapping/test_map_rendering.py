@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from ndtorch.navigation import Grid, GridMap, Pose, Ranges, StereoRig
-from ndtorch.navigation.mapping.map_rendering import informative, log_ranges, render, thresholded
+from ndtorch.navigation.mapping.map_rendering import informative, render, thresholded
 from ndtorch.navigation.mapping.range_log import FramePose, Frames, add_ranges, empty_log, in_world
 
 GRID = Grid(0.0, 6.0, -2.0, 2.0)
@@ -33,7 +33,8 @@ def test_the_map_moves_with_the_frame_it_was_seen_in(certainty):
     rig = StereoRig()
     grid_map = GridMap(rig, GRID, certainty=certainty)
     pose, ranges = Pose(*(torch.tensor([v]) for v in (1.0, 0.0, 0.0))), seen(rig, 1.5)
-    state = log_ranges(grid_map.update(ranges, pose), ranges, [FramePose(3, (1.0, 0.0, 0.0))])
+    first = Ranges(*(part[0] for part in ranges))
+    state = grid_map.update(ranges, pose)._replace(log=add_ranges(empty_log(), FramePose(3, (1.0, 0.0, 0.0)), first))
     driven = GridMap.normalise(GRID.inner(state.cells))
     drawn = render(grid_map, state.log, frames(0.0, 0.0, 0.0))
     torch.testing.assert_close(drawn, thresholded(driven), rtol=1e-4, atol=1e-5)

@@ -6,7 +6,16 @@ import pytest
 import torch
 
 from ndtorch.navigation import Ranges
-from ndtorch.navigation.mapping.range_log import FramePose, Frames, add_ranges, empty_log, in_world
+from ndtorch.navigation.mapping.range_log import (
+    MAX_FRAME_RANGES,
+    FramePose,
+    Frames,
+    add_ranges,
+    empty_log,
+    in_world,
+    thinned,
+)
+from ndtorch.utils.tensors import leaves
 
 
 def ranges(*ahead):
@@ -52,3 +61,39 @@ def test_what_a_standing_car_sees_counts_once():
     assert len(log.present) == 2
     log = add_ranges(log, FramePose(3, (0.1, 0.0, 0.01)), ranges(1.0, 2.0))
     assert len(log.present) == 4
+
+
+def test_a_frame_that_ends_in_another_moves_with_it():
+    home = FramePose(2, (1.0, 0.0, math.pi / 2))
+    log = add_ranges(empty_log(), FramePose(5, (0.5, 0.0, 0.1)), ranges(2.0))
+    log = add_ranges(log, FramePose(6, (0.0, 0.0, 0.0)), ranges(1.0), {5.0: home}.get)
+    log = add_ranges(log, FramePose(7, (0.0, 0.0, 0.0)), ranges(), lambda frame: None)
+    found, poses = in_world(log, frames(f2=(0, 0, 0), f5=(9, 9, 9), f6=(9, 9, 9)))
+    assert found.x.flatten().tolist() == [2.0]
+    assert [float(part) for part in poses] == pytest.approx([1.0, 0.5, 0.1 + math.pi / 2])
+
+
+def test_the_log_grows_with_the_rooms_and_not_with_the_rounds():
+    """Rounds through six rooms, each of a frame that ends in that of the first round."""
+    chance, log, sizes = torch.Generator().manual_seed(0), empty_log(), []
+    for lap in range(24):
+        for room in range(6):
+            for step in range(12):
+                number = 6.0 * lap + room
+                x = 1 + 3 * torch.rand(80, generator=chance)
+                seen = Ranges(x, -0.1 + 0 * x, 0.1 + 0 * x, x, 0 * x, x > 0)
+                at = FramePose(number, (0.25 * step, 0.0, 0.0))
+                log = add_ranges(log, at, seen, lambda frame: FramePose(frame % 6, (0.0, 0.001 * frame, 0.0)))
+        sizes.append(sum(part.numel() * part.element_size() for part in leaves(log).values()))
+    assert sizes[-1] <= 1.01 * sizes[5]
+    assert max(map(len, log.ended)) <= MAX_FRAME_RANGES
+    assert set(log.numbers.tolist()) == set(range(6))
+
+
+def test_what_was_seen_once_outlasts_what_is_seen_again():
+    here, there = (torch.tensor([[2.0, -0.1, 0.1, 2.0, 0.0, *pose, 0.0]]) for pose in ((0.0, 0.0), (1.0, 0.0)))
+    kept = thinned(torch.cat((here.repeat(2 * MAX_FRAME_RANGES, 1), there)))
+    assert len(kept) <= MAX_FRAME_RANGES
+    assert torch.equal(kept[-1:], there)
+    apart = torch.arange(3.0 * MAX_FRAME_RANGES)[:, None] * torch.eye(8)[5] + here
+    assert len(thinned(apart)) == MAX_FRAME_RANGES

@@ -143,7 +143,7 @@ class GoalControl(Controller):
             direction=1.0,
             vetoed=0,
             reactive_steps=0,
-            turn_to=math.nan,
+            turn_to=math.inf,
             cost=0.0,
             fruitless_s=0.0,
             best_cost=math.inf,
@@ -190,7 +190,7 @@ class GoalControl(Controller):
         """As `Controller.on_goal`."""
         self.params = replace(self.params, goal=goal, explore=False, return_home=False)
         self.tasks = requested_tasks(self.params)
-        state = state._replace(task=self.tasks[0], points=0, due=0, turn_to=math.nan, vetoed=0, mode=CRUISE)
+        state = state._replace(task=self.tasks[0], points=0, due=0, turn_to=math.inf, vetoed=0, mode=CRUISE)
         return state._replace(cost=0.0, fruitless_s=0.0)
 
     def can_resume(self, state: GoalState) -> bool:
@@ -240,7 +240,7 @@ class GoalControl(Controller):
             # A place in a known map means nothing before the car has found itself there.
             return reaction, state._replace(due=0, mode=state.reactive.mode)
         state = self.turned(state, here[2])
-        if state.reactive_steps <= 0 and state.due <= 0 and math.isnan(state.turn_to):
+        if state.reactive_steps <= 0 and state.due <= 0 and math.isinf(state.turn_to):
             state = replan(state, here, self.params, self.every)
         nothing = is_fruitless(state)
         fruitless = state.fruitless_s + self.dt if nothing else 0.0
@@ -250,7 +250,7 @@ class GoalControl(Controller):
             state = state._replace(reactive_steps=second)
         if state.reactive_steps > 0:
             return reaction, state._replace(reactive_steps=state.reactive_steps - 1, due=0, mode=state.reactive.mode)
-        if not math.isnan(state.turn_to):
+        if not math.isinf(state.turn_to):
             return self.turn(pose, state)
         path = state.path[: state.points]
         p = self.params
@@ -285,8 +285,10 @@ class GoalControl(Controller):
 
     def turned(self, state: GoalState, heading: float) -> GoalState:
         """The state with a turn on the spot ended where it has reached its heading."""
+        if math.isinf(state.turn_to):
+            return state
         off = abs(math.remainder(state.turn_to - heading, math.tau))
-        return state._replace(turn_to=math.nan, due=0) if off < SPIN_BELOW else state
+        return state._replace(turn_to=math.inf, due=0) if off < SPIN_BELOW else state
 
     def turn(self, pose: Pose, state: GoalState) -> tuple[Command, GoalState]:
         """Turn on the spot towards the path; where there is no room, the reactive controller drives for a second."""
@@ -296,7 +298,7 @@ class GoalControl(Controller):
         command = turn_on_spot(cost, pose, side, self.reactive.spin, self.tables)
         kept = state.reactive._replace(mode=CRUISE, age=0, has_reversed=0)
         if command is None:
-            state = state._replace(turn_to=math.nan, due=0, reactive_steps=round(1 / self.dt))
+            state = state._replace(turn_to=math.inf, due=0, reactive_steps=round(1 / self.dt))
             return Command(0.0, 0.0), state._replace(reactive=kept, mode=TURN)
         return command, state._replace(reactive=kept, mode=TURN)
 

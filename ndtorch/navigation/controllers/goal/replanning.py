@@ -59,14 +59,15 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
     path = np.zeros((MAX_POINTS, 6), np.float32)
     path[:points, :5] = made.path[:points]
     path[:points, 5] = speed_profile(made, around, limits, p.planner)[:points]
-    heading = math.nan
+    turn_to = math.inf
     if p.reactive.body.spins and math.isfinite(made.cost):
         heading = path_heading(made.to_go, around, here, p.planner.costmap_cells)
+        turn_to = heading if abs(math.remainder(heading - here[2], math.tau)) > SPIN_ABOVE else math.inf
     return state._replace(
         path=path,
         points=points if points > 1 else 0,
         seen=min(seen_points(made, around), points),
-        turn_to=heading if abs(math.remainder(heading - here[2], math.tau)) > SPIN_ABOVE else math.nan,
+        turn_to=turn_to,
         at=0,
         due=every,
         cost=float(made.cost),

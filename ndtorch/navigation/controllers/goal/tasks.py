@@ -33,7 +33,7 @@ class GoalState(NamedTuple):
         direction: +1 ahead, -1 backward.
         vetoed: consecutive time steps in which the reactive controller saw no room for the planned path.
         reactive_steps: time steps for which the reactive controller drives alone.
-        turn_to: heading to which a differential drive turns on the spot, radians; NaN while it does not.
+        turn_to: heading to which a differential drive turns on the spot, radians; inf while it does not.
         cost: of the path to the end of the task; inf if there is none.
         fruitless_s: time for which exploration has found no path to a frontier.
         best_cost, visited_before, no_progress_s: exploring, the least cost since the last progress, the number of

@@ -128,7 +128,7 @@ def see_floor(frames: Frames, settle: bool, low: Array, view: ViewNumbers, new_l
                 # The nearest band is the first, and the outermost block too.
                 value = found[eye, v.bands - 1 - band, v.blocks - 1 - block if eye else block]
                 cells[eye, band, block] = value * np.float32(v.scale)
-    return peak if frames.left.itemsize == 1 or is_finite(grey) else np.nan
+    return peak if frames.left.itemsize == 1 or (is_finite(grey) and is_finite(wider)) else np.nan
 
 
 @jit
