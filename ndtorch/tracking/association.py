@@ -21,6 +21,8 @@ GATE_GROWTH_PER_S = 1.0
 """The gate of a track out of sight grows by this share each second."""
 MIN_CONTAINMENT = 0.6
 """A blob of which this share lies in a track's box is a fragment of it."""
+MIN_AGE_S = 1.0
+"""A track that was in sight for so many seconds is no fragment: those of one object merge and split all the time."""
 OCCLUSION_MIN_VISIBLE = 0.5
 """A track in a shared blob is hidden if there is room for less than this share of it."""
 
@@ -141,22 +143,23 @@ class Sharing(NamedTuple):
 def share_blob(tracks: list[Track], area: float, p: TrackingParams) -> Sharing:
     """Which of the tracks that met one blob of an area (squared heights) are visible in it.
 
-    A track that runs into an object soon after it began was a part of it, and of such only the oldest stays. Of the
-    others, the oldest are visible as long as there is room; the rest is hidden.
+    A track that runs into a larger one soon after it began was a part of it, and of such only the oldest large one
+    stays. Of the others, the oldest are visible as long as there is room; the rest is hidden.
     """
     if len(tracks) < 2:
         return Sharing(tracks, [], [])
-    objects = [track for track in tracks if track.is_object]
+    largest = max(track.last[PIXELS] for track in tracks)
+    objects = [
+        track for track in tracks if track.is_object and not (track.age < MIN_AGE_S and is_part(track, largest, p))
+    ]
     # One that was apart for a while, and is no small part, stays one of its own.
     most = max((track.last[PIXELS] for track in objects or tracks), default=0.0)
     objects += [
-        track
-        for track in tracks
-        if not track.is_object and is_lasting(track, p) and p.parent_area_ratio * track.last[PIXELS] >= most
+        track for track in tracks if not track.is_object and is_lasting(track, p) and not is_part(track, most, p)
     ]
     if not objects:
-        first = sorted(tracks, key=lambda track: track.number)
-        return Sharing(first[:1], [], first[1:])
+        oldest = min((track for track in tracks if not is_part(track, most, p)), key=lambda track: track.number)
+        return Sharing([oldest], [], [track for track in tracks if track is not oldest])
     parts = [track for track in tracks if all(track is not other for other in objects)]
     objects.sort(key=lambda track: track.number)
     shown, hidden = list[Track](), list[Track]()
@@ -167,6 +170,11 @@ def share_blob(tracks: list[Track], area: float, p: TrackingParams) -> Sharing:
 
 def has_room(track: Track, shown: Sequence[Track], area: float) -> bool:
     return sum(other.last[PIXELS] for other in shown) + OCCLUSION_MIN_VISIBLE * track.last[PIXELS] < area
+
+
+def is_part(track: Track, most: float, p: TrackingParams) -> bool:
+    """Whether a track has less than a fraction of so many pixels."""
+    return p.parent_area_ratio * track.last[PIXELS] < most
 
 
 def is_lasting(track: Track, p: TrackingParams) -> bool:

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ndtorch.foreground.arrays import Floats, Numbers
-from ndtorch.tracking.association import NEVER, Association, pair_costs
+from ndtorch.tracking.association import MIN_AGE_S, NEVER, Association, pair_costs
 from ndtorch.tracking.blobs import Blobs
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.track import Track
 
-MAX_COST, MIN_AGE_S = 1.5, 1.0
-"""A track leaves a group at no more than this cost, and only if it was followed for this many seconds."""
+MAX_COST = 1.5
+"""A track leaves a group at no more than this cost, and only if it was followed for `MIN_AGE_S`."""
 STAY, LEAVE = 20.0, 10.0
 """Rewards for a track that keeps the group's blob, and for one that gets another blob. They are larger than any cost of
 a pair, so costs only say who goes where."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ndtorch.tracking.association import Association, assign_unmatched
+from ndtorch.tracking.association import Association, assign_unmatched, share_blob
 from ndtorch.tracking.blobs import Blobs
 from ndtorch.tracking.masks import share_pixels
 from ndtorch.tracking.params import TrackingParams
@@ -33,6 +33,17 @@ def test_what_was_lost_for_longer_is_looked_for_farther_away(lost_for: float, aw
     image = np.zeros((3, 100, 160), np.float32)
     assign_unmatched([track(1, 5.0, 0.3, 0.3)], met, blobs, image, 5.0 + lost_for, params)
     assert met.tracks == {0: [0] if found else []}
+
+
+@pytest.mark.parametrize(("age", "seen", "parts"), [(0.5, [2], [1]), (1.5, [1, 2], [])])
+def test_a_young_object_that_meets_a_much_larger_one_was_a_part_of_it(
+    age: float, seen: list[int], parts: list[int]
+) -> None:
+    small, large = track(1, 0.0, 0.3, 0.3, pixels=0.004), track(2, 0.0, 0.3, 0.4)
+    small.new_detections.append((age, *small.new_detections[0][1:]))
+    sharing = share_blob([small, large], 0.05, TrackingParams())
+    assert [one.number for one in sharing.visible] == seen
+    assert [one.number for one in sharing.parts] == parts
 
 
 def test_two_tracks_share_a_blob_in_its_middle() -> None:
