@@ -95,7 +95,7 @@ VISION: dict[str, Case] = {
 }
 BINDING: dict[str, Case] = {
     "InhibitoryNetwork": ("inputs", binding.InhibitoryNetwork(), lambda: signals(4, 10)),
-    "InhibitoryNetwork.of_fields": ("inputs", binding.InhibitoryNetwork.of_fields(), lambda: signals(4, 3, 10)),
+    "InhibitoryNetwork of fields": ("inputs", binding.InhibitoryNetwork(shared=True), lambda: signals(4, 3, 10)),
     "InhibitoryNetwork initial": ("initial", lambda x: binding.InhibitoryNetwork(initial=x), weights),
     "BindingInputs": ("sums", binding.BindingInputs(), lambda: signals(4, 10)),
     "ObjectFiles": ("signals", binding.ObjectFiles((4, 4), 4.0), lambda: signals(2, 4, 4, 10)),

@@ -174,12 +174,6 @@ class InhibitoryNetwork(nn.Module):
         constants = {"tau_in": math.inf, "tau_out": 2.0, "settle": 0.5, "every": 0.05, **options}
         return cls(neurons, dt, rule or ScaleFreeRule(), "settled", **constants)
 
-    @classmethod
-    def of_fields(cls, neurons: int = 10, dt: float = 0.01, rule: Rule | None = None, **options: Any) -> Self:
-        """The network of the model foreground: one for all fields, settled; its clock stops in quiet times."""
-        constants = {"tau_in": math.inf, "tau_out": 2.0, "settle": 0.0, "faint": 0.05, **options}
-        return cls(neurons, dt, rule, "settled", shared=True, **constants)
-
     def extra_repr(self) -> str:
         return f"neurons={self.neurons}, feedback={self.constants.feedback!r}, backend={self.backend!r}"
 

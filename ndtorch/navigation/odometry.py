@@ -105,10 +105,3 @@ def to_world(pose: Pose, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
     cos, sin = pose.heading.cos(), pose.heading.sin()
     ahead = torch.addcmul(pose.x, cos, x)
     return torch.addcmul(ahead, sin, y, value=-1), torch.addcmul(torch.addcmul(pose.y, sin, x), cos, y)
-
-
-def to_body(pose: Pose, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Points of the world in the body frame; pose and points broadcast."""
-    cos, sin = pose.heading.cos(), pose.heading.sin()
-    ahead, aside = x - pose.x, y - pose.y
-    return cos * ahead + sin * aside, cos * aside - sin * ahead

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid
+from ndtorch.navigation import STOPPED, Grid
 from ndtorch.navigation.body import match_params
 from ndtorch.navigation.controllers import Trace
 from ndtorch.navigation.options import place_of
@@ -35,7 +35,6 @@ from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.plan import Plan
-from ndtorch_robot.sim.respawn import AutoResume, Respawn
 from ndtorch_robot.sim.simulation import Simulation
 
 DRAWN = CameraLimits(patience_s=2.0)
@@ -43,6 +42,9 @@ DRAWN = CameraLimits(patience_s=2.0)
 
 BLANK = CameraLimits(patience_s=60.0)
 """Where all walls are blank, a car that stands before one sees nothing until it has found a way out."""
+
+STOP_TIME = 2.0
+"""Seconds after which a car that has stopped for good respawns."""
 
 
 @dataclass
@@ -271,3 +273,49 @@ def summarise(
         "faults": [stop.why for stop in car.safe.faults],
         "parts_ms": timing,
     }
+
+
+class AutoResume:
+    """An observer that respawns and resumes a car that its cameras have stopped; this counts as a stop for good.
+
+    Args:
+        safe: the safety layer of the car.
+        respawn: where stops are counted.
+    """
+
+    def __init__(self, safe: SafeDrive, respawn: Respawn) -> None:
+        self.safe, self.respawn = safe, respawn
+        self.since: float | None = None
+
+    def __call__(self, step: Step) -> None:
+        if step.standing is None:
+            self.since = None
+        elif self.since is None:
+            self.since = step.time
+        elif step.time - self.since >= STOP_TIME and (self.safe.blindness is not None or not self.safe.auto_recover):
+            self.since = None
+            self.respawn.stops.append(step.time)
+            self.respawn.simulation.respawn()
+            self.safe.resume()
+
+
+class Respawn:
+    """An observer that respawns a car whose controller has stopped for 2 s. On hardware a person does this.
+
+    Attributes:
+        stops: times at which the controller stopped for good.
+    """
+
+    def __init__(self, simulation: Simulation, runner: NavigatorRunner) -> None:
+        self.simulation, self.runner = simulation, runner
+        self.stops: list[float] = []
+        self.stopped_steps = 0
+
+    def __call__(self, step: Step) -> None:
+        stopped = step.state is not None and self.runner.mode() == STOPPED
+        self.stopped_steps = self.stopped_steps + 1 if stopped else 0
+        if self.stopped_steps == 1 and step.frames is not None:
+            self.stops.append(step.frames.time)
+        if self.stopped_steps >= STOP_TIME * self.runner.rate:
+            self.stopped_steps = 0
+            self.simulation.respawn()

@@ -31,19 +31,6 @@ class CameraClock(MonotonicClock):
         """Return at once; the loop waits in reading the next frames."""
 
 
-class SimulatedClock:
-    """Time that passes only by waiting: a loop on it runs as fast as it can and always sees the same times."""
-
-    def __init__(self) -> None:
-        self.time = 0.0
-
-    def now(self) -> float:
-        return self.time
-
-    def wait_until(self, time_: float) -> None:
-        self.time = max(self.time, time_)
-
-
 class StepTimer:
     """How long the parts of a step take, in real time."""
 

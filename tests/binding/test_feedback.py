@@ -106,7 +106,8 @@ def two_things(steps: int = 80) -> torch.Tensor:
 
 
 def of_fields(dt: float = 0.04, rule: ScaleFreeRule | None = ScaleFreeRule()) -> InhibitoryNetwork:  # noqa: B008
-    return InhibitoryNetwork.of_fields(10, dt, rule)
+    taus = {"tau_in": torch.inf, "tau_out": 2.0}
+    return InhibitoryNetwork(10, dt, rule, "settled", shared=True, settle=0.0, faint=0.05, **taus)
 
 
 @settings(max_examples=5, deadline=None)

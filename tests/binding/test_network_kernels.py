@@ -110,7 +110,8 @@ def test_a_network_that_fields_share(
     inputs[:, :, 3] = 0.8 * inputs[:, :, 1] + 0.1 * inputs[:, :, 3]
     # Nothing happens for a while.
     inputs[20:35] = inputs[20]
-    network = InhibitoryNetwork.of_fields(5, 0.04, ScaleFreeRule(radius_limit=limit), tau_out=0.2)
+    rule, taus = ScaleFreeRule(radius_limit=limit), {"tau_in": torch.inf, "tau_out": 0.2}
+    network = InhibitoryNetwork(5, 0.04, rule, "settled", shared=True, settle=0.0, faint=0.05, **taus)
     network.backend = "torch"
     plain, end = network(inputs)
     network.backend = "numba"

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ndtorch_robot.drive import AutoResume, Respawn
 from ndtorch_robot.link.registry import HOSTED_BOARD
 from ndtorch_robot.link.simulated import HostedDrive
 from ndtorch_robot.ports import Observer, Step
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.arenas import arenas
-from ndtorch_robot.sim.respawn import AutoResume, Respawn
 from tests.fault_injection.camera_faults import FaultyCameras
 from tests.fault_injection.faults import FAULTS, Fault
 from tests.fault_injection.injector import FaultInjector

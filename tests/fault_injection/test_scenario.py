@@ -5,10 +5,10 @@ import shutil
 import numpy as np
 import pytest
 
+from ndtorch_robot.drive import Respawn
 from ndtorch_robot.ports import STAND, DriveCommand
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
-from ndtorch_robot.sim.respawn import Respawn
 from tests.fault_injection.camera_faults import FaultyCameras
 from tests.fault_injection.faults import FAULTS, MOUNTING_DEADLINE, Fault
 from tests.fault_injection.injector import FaultInjector

@@ -74,3 +74,10 @@ def room_with_pillars(seed=0, **options):
         a, b, c, d = (x, y), (x + side, y), (x + side, y + side), (x, y + side)
         walls += [[a, b], [b, c], [c, d], [d, a]]
     return PlanarWorld(walls, seed=seed, **options)
+
+
+def to_body(pose, x, y):
+    """Points of the world in the body frame; pose and points broadcast."""
+    cos, sin = pose.heading.cos(), pose.heading.sin()
+    ahead, aside = x - pose.x, y - pose.y
+    return cos * ahead + sin * aside, cos * aside - sin * ahead

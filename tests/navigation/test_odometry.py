@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from ndtorch.navigation import DeadReckoning, Pose
-from ndtorch.navigation.odometry import to_body, to_world
+from ndtorch.navigation.odometry import to_world
+from tests.navigation.planar_world import to_body
 
 
 def test_circle_and_line():

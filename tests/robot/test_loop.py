@@ -3,9 +3,9 @@
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_robot.loop import Loop, SimulatedClock
+from ndtorch_robot.loop import Loop
 from ndtorch_robot.safety import SafeDrive
-from tests.robot.support.plain_drive import PlainDrive
+from tests.robot.support.plain_drive import PlainDrive, SimulatedClock
 
 
 def safe(drive):

@@ -13,10 +13,9 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.faults import Fault, FaultKind
-from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
-from tests.robot.support.plain_drive import PlainDrive
+from tests.robot.support.plain_drive import PlainDrive, SimulatedClock
 
 ROBOT = Path(__file__).resolve().parents[2] / "robot" / "ndtorch_robot"
 RIG = StereoRig(width=64, height=48, focal=43.0)

@@ -5,7 +5,7 @@ import torch
 
 from ndtorch.navigation import AlphaBetaTracker, DeadReckoning, Pose, Ranges
 from ndtorch.navigation.mapping.feature_tracks import FeatureTrackParams
-from ndtorch.navigation.odometry import to_body
+from tests.navigation.planar_world import to_body
 
 DT = 1 / 30
 

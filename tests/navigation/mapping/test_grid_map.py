@@ -13,7 +13,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import certainty
 from ndtorch.navigation.mapping.tiles import SIDE, add_at, cell_tables, check_tiles, empty_tiles
-from ndtorch.navigation.odometry import to_body
+from tests.navigation.planar_world import to_body
 
 RIG = StereoRig()
 GRID = Grid(-1.0, 5.0, -3.0, 3.0)

@@ -12,11 +12,10 @@ from ndtorch.navigation import StereoRig, Strips
 from ndtorch.utils.toml import check as check_values
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.camera_monitor.limits import CameraLimits
-from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.run_config import CameraMonitorTable, RunConfig
 from ndtorch_robot.safety import SafeDrive
-from tests.robot.support.plain_drive import PlainDrive
+from tests.robot.support.plain_drive import PlainDrive, SimulatedClock
 
 RIG, RATE, SPEED = StereoRig(), 30.0, 0.5
 ROW, FIELD = 640, (29, 85)

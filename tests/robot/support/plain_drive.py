@@ -20,3 +20,16 @@ class PlainDrive:
 
     def trouble(self):
         return self.why
+
+
+class SimulatedClock:
+    """Time that passes only by waiting: a loop on it runs as fast as it can and always sees the same times."""
+
+    def __init__(self) -> None:
+        self.time = 0.0
+
+    def now(self) -> float:
+        return self.time
+
+    def wait_until(self, time_: float) -> None:
+        self.time = max(self.time, time_)
