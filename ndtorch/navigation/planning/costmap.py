@@ -58,6 +58,12 @@ def clearance(blocked: Bools, cell: float) -> Floats:
     return np.asarray(cv2.distanceTransform((~blocked).astype(np.uint8), cv2.DIST_L2, 5), np.float32) * np.float32(cell)
 
 
+def with_backs(local_map: LocalMap, depth: float) -> Bools:
+    """The blocked cells, and the unknown ones within `depth` of them, m: of an obstacle only the front is ranged."""
+    m = local_map
+    return np.asarray(m.blocked | (m.unknown & (clearance(m.blocked, m.cell) <= depth)))
+
+
 def unseen_cells(unknown: Bools, cell: float, radius: float) -> Floats:
     """1 where a disc would cover unknown cells; single unknown cells do not count."""
     import cv2

@@ -32,6 +32,7 @@ class PlannerParams:
         obstacle_cost: A metre through obstacles costs this much more if no other path leads to the goal.
         blind_distance_m: Exploring, the first metres lead over no unknown cells, as no camera sees the floor there.
         lethal_radius_m: Exploring, no path has less clearance than this.
+        hidden_depth_m: Unknown cells this near to an obstacle count as obstacles, except when exploring.
         costmap_cells: A cell of the costmap is this many cells of the local map wide.
         min_seen_frontier_m2: An area that was seen and not visited is a frontier from this size on.
         min_unknown_frontier_m2: An unknown area beside floor is a frontier from this size on.
@@ -61,6 +62,7 @@ class PlannerParams:
     obstacle_cost: float = 40.0
     blind_distance_m: float = 0.45
     lethal_radius_m: float = 0.12
+    hidden_depth_m: float = 0.15
     costmap_cells: int = 2
     min_seen_frontier_m2: float = 0.1
     min_unknown_frontier_m2: float = 0.3

@@ -12,9 +12,6 @@ from ndtorch.navigation.planning.costmap import LocalMap
 from ndtorch.navigation.planning.params import PlannerParams
 from ndtorch.navigation.planning.planner import Plan
 
-BUMPER_M = 0.3
-"""Distance of the bumpers from the body's origin."""
-
 MIN_SPEED = 0.08
 """m/s: a car that tracks a path is not slower."""
 
@@ -120,11 +117,12 @@ def speed_profile(plan: Plan, local_map: LocalMap, limits: SpeedLimits, params: 
     return speeds
 
 
-def seen_points(plan: Plan, local_map: LocalMap) -> int:
-    """How many points of a path come before the first at which the leading bumper is over unknown cells."""
+def seen_points(plan: Plan, local_map: LocalMap, params: PlannerParams) -> int:
+    """How many points of a path come before the first at which the leading disc of the footprint is over unknown
+    cells."""
     for n, (x, y, heading, _, direction) in enumerate(plan.path.tolist()):
-        bumper = BUMPER_M * direction
-        if plan.unknown[local_map.cell_of(x + bumper * math.cos(heading), y + bumper * math.sin(heading))] > 0:
+        nose = max(direction * d for d in params.footprint_centers_m) * direction
+        if plan.unseen[local_map.cell_of(x + nose * math.cos(heading), y + nose * math.sin(heading))] > 0:
             return n
     return len(plan.path)
 

@@ -18,14 +18,14 @@ class Plan(NamedTuple):
     Attributes:
         path: `[n, 5]`: x, y, heading, curvature driven to there, direction; the first row is the start. One row: none.
         cost: of the path from the start to a goal; inf if none can be reached.
-        clear, unknown: layers of the local map.
+        clear, unseen: clearance, and `unseen_cells` of the footprint.
         to_go: `dijkstra` of each coarse cell, as far as was needed.
     """
 
     path: Floats
     cost: float
     clear: Floats
-    unknown: Floats
+    unseen: Floats
     to_go: Floats
 
 
@@ -76,11 +76,11 @@ def plan(
     index = min(row // p.costmap_cells, rows - 1) * columns + min(column // p.costmap_cells, columns - 1)
     to_go = dijkstra(cost, goals, side, index, 2.0 * p.horizon_m + 2.0)
     start = np.array((*pose, curvature, direction), np.float32)
-    unknown = m.unknown.astype(np.float32)
+    unseen = unseen_cells(m.unknown, m.cell, p.footprint_radius_m)
     if not math.isfinite(to_go.ravel()[index]):
-        return Plan(start[None], math.inf, clear, unknown, to_go)
+        return Plan(start[None], math.inf, clear, unseen, to_go)
     frames = Frame(m.left, m.bottom, m.cell), Frame(m.left, m.bottom, side)
-    layers = Layers(clear, unknown, unseen_cells(m.unknown, m.cell, p.footprint_radius_m), to_go, *frames)
+    layers = Layers(clear, m.unknown.astype(np.float32), unseen, to_go, *frames)
     tight = 1 / p.min_turn_radius_m
     curvatures = np.array((0.0, tight / 2, -tight / 2, tight, -tight), np.float32)
     numbers = LatticeParams(
@@ -100,4 +100,4 @@ def plan(
         max_nodes=p.max_nodes,
     )
     path = lattice_astar(layers, start, curvatures, np.array(p.footprint_centers_m, np.float32), numbers)
-    return Plan(path, float(to_go.ravel()[index]), clear, unknown, to_go)
+    return Plan(path, float(to_go.ravel()[index]), clear, unseen, to_go)

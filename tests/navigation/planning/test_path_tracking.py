@@ -95,15 +95,15 @@ def test_the_speed_before_what_is_slow_is_what_can_be_braked_from():
     assert speeds.tolist() == pytest.approx(begun, abs=1e-5)
 
 
-def test_a_path_is_seen_up_to_where_the_bumper_leads_into_unknown_cells():
+def test_a_path_is_seen_up_to_where_the_leading_disc_covers_unknown_cells():
     blocked = np.zeros((60, 60), bool)
     around = LocalMap(blocked, ~blocked, -1.0, -1.0, 0.05)
     way = np.array([[v, 0.0, 0.0, 0.0, 1.0] for v in (0.0, 0.2, 0.5, 0.6, 0.7)], np.float32)
     seen = np.zeros((60, 60), np.float32)
     unseen = seen.copy()
-    unseen[:, round((0.65 + 0.3 + 1) / 0.05) :] = 1  # below the bumper at the last place
-    assert seen_points(Plan(way, 1.0, seen + 9, seen, seen), around) == 5
-    assert seen_points(Plan(way, 1.0, seen + 9, unseen, seen), around) == 4
+    unseen[:, round((0.65 + 0.2 + 1) / 0.05) :] = 1  # where a disc .1875 m ahead of the last place covers unknown cells
+    assert seen_points(Plan(way, 1.0, seen + 9, seen, seen), around, PlannerParams()) == 5
+    assert seen_points(Plan(way, 1.0, seen + 9, unseen, seen), around, PlannerParams()) == 4
     assert seen_length(way, 0, 5, (0.1, 0.0, 0.0)) == math.inf
     assert seen_length(way, 0, 4, (0.1, 0.0, 0.0)) == pytest.approx(0.5)
     assert seen_length(way, 2, 2, (0.5, 0.0, 0.0)) == 0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ndtorch.navigation.planning.costmap import LocalMap, clearance
+from ndtorch.navigation.planning.costmap import LocalMap, clearance, with_backs
 from ndtorch.navigation.planning.params import PlannerParams
 from ndtorch.navigation.planning.planner import goal_costs, plan
 
@@ -92,3 +92,16 @@ def test_clearance_is_the_distance_to_what_is_blocked():
     assert clear[row, column + 10] == pytest.approx(10 * CELL)
     assert clear[row + 6, column - 8] == pytest.approx(10 * CELL, rel=0.03)
     assert (clearance(np.zeros((3, 4), bool), CELL) == 99.0).all()
+
+
+def test_unknown_cells_near_an_obstacle_count_as_blocked_and_free_ones_do_not():
+    rng = np.random.default_rng(3)
+    blocked, free = rng.random((40, 40)) < 0.02, rng.random((40, 40)) < 0.5
+    around = LocalMap(blocked, ~blocked & free, 0.0, 0.0, CELL)
+    row, column = np.nonzero(blocked)
+    down, across = np.indices(blocked.shape)
+    away = CELL * np.hypot(down[..., None] - row, across[..., None] - column).min(-1)
+    found = with_backs(around, 0.15)
+    assert not (found & around.free).any()
+    assert found[~around.free & (away < 0.14)].all()
+    assert not found[away > 0.16].any()

@@ -11,7 +11,7 @@ from ndtorch.navigation.controllers.goal.tasks import MAX_POINTS, GoalState, tas
 from ndtorch.navigation.local_grid._kernels import Array
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at
 from ndtorch.navigation.planning._kernels import Floats
-from ndtorch.navigation.planning.costmap import Bools, LocalMap, clearance
+from ndtorch.navigation.planning.costmap import Bools, LocalMap, clearance, with_backs
 from ndtorch.navigation.planning.frontiers import cheapest_goal, frontier_costs
 from ndtorch.navigation.planning.path_tracking import SpeedLimits, seen_points, speed_profile
 from ndtorch.navigation.planning.planner import Plan, goal_costs, plan
@@ -38,7 +38,8 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
     """
     p, grid, blocked = params, params.reactive.grid, params.reactive.blocked_evidence
     around = local_map(state.reactive.grid.evidence, here[0], here[1], grid, blocked, -FREE_RATIO * blocked)
-    clear, goal = clearance(around.blocked, around.cell), task_goal(state, p)
+    goal = task_goal(state, p)
+    clear = clearance(around.blocked if goal is None else with_backs(around, p.planner.hidden_depth_m), around.cell)
     if goal is None:
         visited = visited_cells(state.visited.evidence, here[0], here[1], grid, p.visited_grid)
         goals = frontier_costs(around, visited, clear, p.planner)
@@ -66,7 +67,7 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
     return state._replace(
         path=path,
         points=points if points > 1 else 0,
-        seen=min(seen_points(made, around), points),
+        seen=min(seen_points(made, around, p.planner), points),
         turn_to=turn_to,
         at=0,
         due=every,
