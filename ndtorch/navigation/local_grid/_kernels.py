@@ -227,7 +227,8 @@ def free_distances(cost: Array, at: Array, arcs: Primitives, blocked: float, unk
     """How far the car can go along each arc, `[2, A]` m in whole steps.
 
     First, before any place of its outline holds `blocked` or more: there something is in the path. Second, before a
-    place of the bumper that leads holds `unknown` or more: what is there was not seen free.
+    place of the bumper that leads, or backward of the whole outline, holds `unknown` or more: what is there was not
+    seen free.
 
     Args:
         cost: `[size, size]`.
@@ -237,14 +238,15 @@ def free_distances(cost: Array, at: Array, arcs: Primitives, blocked: float, unk
     out, across = np.empty((2, count), np.float32), at.shape[0] // (count * arcs.steps)
     for arc in range(count):
         free, seen, stop, hidden = 0, 0, False, False
+        looked = arcs.leading if arcs.forward[arc] > 0 else across
         for s in range(arcs.steps):
             start = (arc * arcs.steps + s) * across
             for k in range(across):
-                if stop and (hidden or k >= arcs.leading):
+                if stop and (hidden or k >= looked):
                     break
                 worth = cells[at[start + k]]
                 stop = stop or worth >= np.float32(blocked)
-                hidden = hidden or (k < arcs.leading and worth >= np.float32(unknown))
+                hidden = hidden or (k < looked and worth >= np.float32(unknown))
             free, seen = free + (not stop), seen + (not hidden)
             if stop and hidden:
                 break

@@ -102,7 +102,7 @@ def test_free_travel_against_moved_rectangles(x, y):
         assert min(lengths) - 0.081 <= float(found[k]) <= max(lengths) + 0.081
 
 
-def test_what_was_not_seen_free_stops_the_bumper_only():
+def test_what_was_not_seen_free_stops_the_bumper_ahead_and_the_whole_outline_backward():
     nothing = np.full(len(TABLE.x), -1.0)
     assert free(nothing).ravel().tolist() == pytest.approx([1.6] * 10)
     # Nothing is known 0.8 m and more ahead of the middle: the bumper and its room get there after 0.48 m.
@@ -110,5 +110,6 @@ def test_what_was_not_seen_free_stops_the_bumper_only():
     assert all_free.tolist() == pytest.approx([1.6] * 5)
     assert float(seen[0]) == pytest.approx(0.4)
     assert seen[3:].tolist() == pytest.approx([1.6, 1.6])
-    # Beside the flanks nothing need be known.
-    assert float(free(np.where(np.abs(TABLE.x) < 0.3, 0.0, -1.0))[1, 0]) == pytest.approx(1.6)
+    # Beside the flanks nothing need be known ahead; no camera looks backward.
+    beside = free(np.where(np.abs(TABLE.x) < 0.3, 0.0, -1.0))[1]
+    assert (float(beside[0]), *beside[3:].tolist()) == pytest.approx((1.6, 0.0, 0.0))

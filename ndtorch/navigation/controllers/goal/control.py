@@ -88,14 +88,7 @@ class GoalControl(Controller):
         """As `Controller.params_for`."""
         d = GoalParams()
         slow, unknown = (min(v, task.speed) for v in (d.tight_speed_m_per_s, d.unknown_speed_m_per_s))
-        r = d.reactive
-        tight, back = min(r.tight_speed_m_per_s, 0.8 * task.speed), min(r.reverse_speed_m_per_s, task.speed)
-        reactive = replace(
-            r,
-            speed_m_per_s=min(r.speed_m_per_s, task.speed),
-            tight_speed_m_per_s=tight,
-            reverse_speed_m_per_s=back,
-        )
+        r = d.reactive.no_faster(task.speed)
         return GoalParams(
             task.goal,
             task.explore,
@@ -103,7 +96,7 @@ class GoalControl(Controller):
             speed_m_per_s=task.speed,
             tight_speed_m_per_s=slow,
             unknown_speed_m_per_s=unknown,
-            reactive=reactive,
+            reactive=replace(r, speed_m_per_s=min(r.speed_m_per_s, task.speed)),
         )
 
     @property

@@ -74,6 +74,7 @@ class DecisionNumbers(NamedTuple):
     speed: float
     tight_speed: float
     reverse_speed: float
+    unseen_speed: float
     wide: float
     tight: float
     turn_below_m: float
@@ -244,7 +245,8 @@ def decide(
     tight = min(free[tight_arc], known[tight_arc] + margin)
     longest = max(wide, tight)
     blocked = max(free[wide_arc], free[tight_arc]) < p.min_free_m
-    swing_back = min(free[back_arc], known[back_arc] + margin)
+    # No camera looks back: there only what was seen free is free.
+    swing_back, straight_back = min(free[back_arc], known[back_arc]), min(free[BACK], known[BACK])
     track, follow = pure_pursuit_back(s.path, pose, p.tight)
     # Where the body came from it was free all along, whatever is remembered of it. But only turning on brings a car
     # out of a corner: it does so where there is much room.
@@ -252,8 +254,6 @@ def decide(
     if not reversing:
         turning = 1 if swing_back > SWING_M and (track < REAR_M or swing_back > WIDE_SWING_M) else 0
     tracked = track >= REAR_M and turning == 0
-    # Only a car that cannot go ahead at all backs into what it has not seen.
-    straight_back = free[BACK] if blocked else min(free[BACK], known[BACK] + margin)
     rear = track if tracked else swing_back if turning else straight_back
     # Before a turn into what was not seen free the car backs once, if it knows that it can.
     unseen = longest < p.min_free_m and rear >= SWING_M and not s.has_reversed
@@ -271,7 +271,7 @@ def decide(
     # Once tight, a turn stays tight until its arc is long.
     roomy, speed, curvature = wide >= p.wide_turn_min_m, p.speed, 0.0
     if mode == TURN:
-        speed = p.speed if roomy else p.tight_speed
+        speed = p.speed if roomy else p.tight_speed if longest >= p.min_free_m else p.unseen_speed
         curvature = side * (p.wide if roomy else p.tight)
     elif mode == REVERSE:
         speed = -p.reverse_speed

@@ -77,9 +77,7 @@ class RangingControl(Controller):
     def params_for(cls, task: Task) -> RangingParams:
         """As `Controller.params_for`; tight turns and reversing are never faster than the rest."""
         params: RangingParams = super().params_for(task)
-        tight = min(params.tight_speed_m_per_s, 0.8 * task.speed)
-        back = min(params.reverse_speed_m_per_s, task.speed)
-        return replace(params, tight_speed_m_per_s=tight, reverse_speed_m_per_s=back)
+        return params.no_faster(task.speed)
 
     @property
     def fields(self) -> tuple[Rect, Rect]:

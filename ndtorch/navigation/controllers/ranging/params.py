@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ndtorch.arguments import check_numbers, renamed_fields
 from ndtorch.navigation.body import Body
@@ -37,6 +37,7 @@ class RangingParams:
         speed_m_per_s: The car drives at this speed ahead and in wide turns.
         tight_speed_m_per_s: The car drives at this speed in tight turns.
         reverse_speed_m_per_s: The car drives backward at this speed.
+        unseen_speed_m_per_s: The car drives at this speed in turns that lead into what was not seen free.
         turn_radius_m: A wide turn has this radius.
         tight_radius_m: A tight turn has this radius.
         turn_below_m: A turn starts when less than this is free straight ahead.
@@ -74,6 +75,7 @@ class RangingParams:
     speed_m_per_s: float = 0.5
     tight_speed_m_per_s: float = 0.4
     reverse_speed_m_per_s: float = 0.3
+    unseen_speed_m_per_s: float = 0.2
     turn_radius_m: float = 1.0
     tight_radius_m: float = 0.5
     turn_below_m: float = 1.1
@@ -104,3 +106,12 @@ class RangingParams:
 
     def __post_init__(self) -> None:
         check_numbers(self, endless=["unknown_margin_m"], positive=vars(self))
+
+    def no_faster(self, speed: float) -> RangingParams:
+        """The parameters of a car that drives at this speed: it turns, backs and goes into the unseen no faster."""
+        return replace(
+            self,
+            tight_speed_m_per_s=min(self.tight_speed_m_per_s, 0.8 * speed),
+            reverse_speed_m_per_s=min(self.reverse_speed_m_per_s, speed),
+            unseen_speed_m_per_s=min(self.unseen_speed_m_per_s, speed),
+        )

@@ -100,6 +100,7 @@ def decision_numbers(params: RangingParams, dt: float) -> DecisionNumbers:
         speed=float(p.speed_m_per_s),
         tight_speed=float(p.tight_speed_m_per_s),
         reverse_speed=float(p.reverse_speed_m_per_s),
+        unseen_speed=float(p.unseen_speed_m_per_s),
         wide=1 / p.turn_radius_m,
         tight=1 / p.tight_radius_m,
         turn_below_m=float(p.turn_below_m),

@@ -114,6 +114,14 @@ def test_reversing_retraces():
     assert abs(poses[last, 1] - poses[first, 1]) < 0.1
 
 
+def test_no_farther_back_than_it_has_been():
+    """In a dead end in which the car starts it goes to and fro on its own path."""
+    poses, _, modes = run(open_floor, 600, ranges=lambda pose: narrow_end(pose, 2.0))
+    assert modes.count(REVERSE) > 60
+    corners = poses[:, 0] - 0.25 * np.cos(poses[:, 2]) - 0.18 * np.abs(np.sin(poses[:, 2]))
+    assert corners.min() > -0.25 - 0.08  # a cell behind where its rear was at first
+
+
 def seen_from(pose, world):
     """Places `[2, n]` of the world in the body frame."""
     dx, dy = world[0] - pose.x, world[1] - pose.y
