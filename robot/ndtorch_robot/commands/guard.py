@@ -37,7 +37,7 @@ class Guard:
     jobs: int = 0
     """This number of drives runs at a time (default: one a core)."""
     unguarded: bool = False
-    """In the arenas the commands pass as they are, for comparison."""
+    """In the arenas the same commands are also driven without the guard, for a row of the table."""
     out: Path = Path("out/guard")
     """Results of the arenas are kept in this folder, and the table is written there."""
 
@@ -85,11 +85,13 @@ class Guard:
         seconds = self.seconds or SECONDS
         given = [(arena, seed) for arena in arenas_of(self.arenas) for seed in self.seeds]
         drives = [load_config(None, {"arena": arena, "seed": seed, "seconds": seconds}) for arena, seed in given]
-        cache = DriveCache(self.out / ("unguarded" if self.unguarded else "guarded"))
-        work = partial(guarded_drive, guarded=not self.unguarded)
-        troubles = finish(work, drives, cache, processes_of(self.jobs), name_of, lambda config: config.seconds)
-        found = [summary for config in drives if (summary := cache.get(config)) is not None]
-        table = guard_table(found)
-        write_text(cache.folder / "table.md", table)
+        troubles, found = [], []
+        for guarded in (True, False)[: 1 + self.unguarded]:
+            cache = DriveCache(self.out / ("guarded" if guarded else "unguarded"))
+            work = partial(guarded_drive, guarded=guarded)
+            troubles += finish(work, drives, cache, processes_of(self.jobs), name_of, lambda config: config.seconds)
+            found.append([summary for config in drives if (summary := cache.get(config)) is not None])
+        table = guard_table(*found)
+        write_text(self.out / "table.md", table)
         print(table + "".join(f"failed: {trouble}\n" for trouble in troubles), end="")
         return 1 if troubles else 0

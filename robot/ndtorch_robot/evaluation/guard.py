@@ -122,8 +122,8 @@ def judge(free: Sequence[float], wishes: Sequence[DriveCommand], sent: Sequence[
     return found
 
 
-def guard_table(summaries: Sequence[Summary]) -> str:
-    """A table in Markdown, a row an arena and one for all."""
+def guard_table(summaries: Sequence[Summary], unguarded: Sequence[Summary] = ()) -> str:
+    """A table in Markdown, a row an arena, one for all, and one for the same commands without the guard, if driven."""
 
     def row(name: str, some: Sequence[Summary]) -> str:
         total: Any = {
@@ -143,7 +143,8 @@ def guard_table(summaries: Sequence[Summary]) -> str:
     head = ["arena", "hits an hour", "hold-stop share", "false-stop share", "time to stop, s", "free at the stop, m"]
     lines = [f"| {' | '.join(head)} |", "|---" + "|---:" * (len(head) - 1) + "|"]
     lines += [row(arena, [s for s in summaries if s["arena"] == arena]) for arena in arenas]
-    return "\n".join([*lines, row("all", summaries)]) + "\n"
+    lines += [row("all", summaries)] + [row("all, unguarded", unguarded)] * bool(unguarded)
+    return "\n".join(lines) + "\n"
 
 
 def share(part: int, whole: int) -> str:

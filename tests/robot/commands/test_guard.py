@@ -57,8 +57,9 @@ def test_arenas_are_judged_once_and_kept(monkeypatch, tmp_path, capsys):
     for _ in range(2):
         assert main(words) == 0
     assert made == [("office", 1, 30.0, True), ("hallway", 1, 30.0, True)]
-    table = (tmp_path / "guarded" / "table.md").read_text()
+    table = (tmp_path / "table.md").read_text()
     assert "| all | 120 | 0.750 | 0.100 | 0.20 | 0.10 |" in table
     assert table in capsys.readouterr().out
     assert main([*words, "--unguarded"]) == 0
     assert made[2:] == [("office", 1, 30.0, False), ("hallway", 1, 30.0, False)]
+    assert "| all, unguarded | 120 | 0.750 | 0.100 | 0.20 | 0.10 |" in (tmp_path / "table.md").read_text()
