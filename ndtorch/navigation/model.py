@@ -33,7 +33,7 @@ from ndtorch.navigation.state import (
     check_like,
     check_motion,
     one_car,
-    place_of,
+    pose_like,
 )
 from ndtorch.navigation.stereo.correspondence import MatchParams
 from ndtorch.navigation.stereo.features import FeatureParams
@@ -249,13 +249,18 @@ class Navigator(nn.Module):
         begins, before = state is None or state.fields is None, state or self.begin(seen, ranges, start)
         last = before.command if driven is None else driven
         pose, control, located = reckoning.step(before.pose, *last), before.control, before.located
-        if near is not None:
-            control = near.before_step(controller, control, last, pose, left, right, begins)
+        here = pose
         if self.localiser is not None:
-            located, control = self.locate(left.row, right.row, pose, located, control)
-        command, control = controller.step(seen, ranges, pose, last, control)
+            located = self.locate(left.row, right.row, pose, located)
+            here = self.control_pose(pose, located)
+            place = pose_like(pose, located.pose) if located.relocalisation is None else None
+            sigma = math.sqrt(located.covariance.diagonal()[:2].max())
+            control = controller.on_pose(control, here, place, sigma)
         if near is not None:
-            control = near.while_driving(controller, control, pose, (left.row, right.row))
+            control = near.before_step(controller, control, last, here, left, right, begins)
+        command, control = controller.step(seen, ranges, here, last, control)
+        if near is not None:
+            control = near.while_driving(controller, control, here, (left.row, right.row))
         sides, difference = controller.sides(seen), controller.difference(control)
         memory = (before.map, before.observations, before.tracks, located)
         now = (field_filters, row_filters, control, command, pose, sides, difference, ranges)
@@ -284,19 +289,22 @@ class Navigator(nn.Module):
         control = self.controller.start(seen, pose)
         return NavigatorState(None, None, control, Command(still, still), pose, None, still, ranges, None, None, None)
 
-    def locate(
-        self, left: Tensor, right: Tensor, pose: Pose, located: LocaliserState | None, control: Any
-    ) -> tuple[LocaliserState | None, Any]:
-        """The localiser's state with the corrected pose of a frame, and that of the controller that is told it."""
+    def locate(self, left: Tensor, right: Tensor, pose: Pose, located: LocaliserState | None) -> LocaliserState:
+        """The localiser's state with the corrected pose of a frame."""
         assert self.localiser is not None
         rows = None
         if self.localiser.due(located):
             size = (self.ranging.rig.height, self.ranging.rig.width)
             ours, theirs = (row if row.ndim == 4 else row.unsqueeze(0) for row in (left, right))
             rows = grey_pair(ours, theirs, self.row, self.row, size).squeeze(-2)[0]
-        located = self.localiser(rows, pose, located)
-        place = place_of(pose, located) if located.relocalisation is None else None
-        return located, self.controller.on_pose(control, pose, place)
+        return self.localiser(rows, pose, located)
+
+    def control_pose(self, pose: Pose, located: LocaliserState | None) -> Pose:
+        """Where the car is in the frame of its controller, which never jumps: by dead reckoning.
+
+        A controller that plans in what it saw minutes ago takes that of the localiser, which sees where wheels slip.
+        """
+        return pose if located is None or not self.controller.has_goals else pose_like(pose, located.odometry)
 
     def fill_map(self, state: NavigatorState) -> NavigatorState:
         """Fill the map, the observation list and the tracks, as far as there are any."""

@@ -51,16 +51,14 @@ class NavigatorState(NamedTuple):
     @property
     def place(self) -> Pose:
         """Where the car was at the last frame as far as is known, `[...]`: corrected where there is a localiser."""
-        return place_of(self.pose, self.located)
+        return self.pose if self.located is None else pose_like(self.pose, self.located.pose)
 
 
-def place_of(pose: Pose, located: LocaliserState | None) -> Pose:
-    """Where a car is whose dead reckoning has led to `pose`: corrected where there is a localiser."""
-    if located is None:
-        return pose
+def pose_like(pose: Pose, values: Any) -> Pose:
+    """An array `[3]` as a pose of tensors or of numbers, as another one is."""
     if isinstance(pose.x, Tensor):
-        return Pose(*pose.x.new_tensor(located.pose).unbind())
-    return Pose(*located.pose.tolist())
+        return Pose(*pose.x.new_tensor(values).unbind())
+    return Pose(*values.tolist())
 
 
 def check_like(state: NavigatorState, fresh: NavigatorState) -> None:

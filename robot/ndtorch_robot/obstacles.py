@@ -41,7 +41,7 @@ def blocked_cells(state: NavigatorState, navigator: Navigator) -> tuple[Floats, 
     rows, columns = np.nonzero(evidence >= params.blocked_evidence)
     size, cell = evidence.shape[0], params.grid.cell_m
     x, y = ((n + size * grid.tag[axis, n] + 0.5) * cell * unit for axis, n in enumerate((rows, columns)))
-    pose = state.pose
+    pose = navigator.control_pose(state.pose, state.located)
     dx, dy, heading = x - float(pose.x), y - float(pose.y), float(pose.heading)
     cos, sin = math.cos(heading), math.sin(heading)
     return cos * dx + sin * dy, cos * dy - sin * dx

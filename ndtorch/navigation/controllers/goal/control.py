@@ -49,6 +49,9 @@ from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 
+USUAL_SIGMA, LOST_M, MIN_SPEED_RATIO = 0.03, 0.2, 0.4
+"""Standard deviation of the place of a car that sees enough, m; beyond it the car drives slower, down to a ratio."""
+
 
 @register
 class GoalControl(Controller):
@@ -144,6 +147,7 @@ class GoalControl(Controller):
             no_progress_s=0.0,
             mode=SUPPRESSED,
             margin=math.inf,
+            uncertain_m=0.0,
         )
 
     def step(
@@ -175,9 +179,12 @@ class GoalControl(Controller):
         reactive = self.reactive.on_near_obstacles(state.reactive, pose, obstacles, across, floor_seen)
         return state._replace(reactive=reactive)
 
-    def on_pose(self, state: GoalState, pose: Pose, place: Pose | None) -> GoalState:
-        """As `Controller.on_pose`: goals are where the car is told that it is, not where dead reckoning has them."""
-        return with_pose(state, pose, place)
+    def on_pose(self, state: GoalState, pose: Pose, place: Pose | None, sigma: float = 0.0) -> GoalState:
+        """As `Controller.on_pose`: goals are where the car is told that it is, not where dead reckoning has them.
+
+        What exceeds the usual deviation makes the car slower, and its footprint wider.
+        """
+        return with_pose(state, pose, place)._replace(uncertain_m=max(0.0, sigma - USUAL_SIGMA))
 
     def on_goal(self, state: GoalState, goal: tuple[float, float]) -> GoalState:
         """As `Controller.on_goal`."""
@@ -259,6 +266,7 @@ class GoalControl(Controller):
         safe = braking_speed(free, brake, delay)
         seen = seen_length(path, aim.at, state.seen, here)
         speed = min(wanted, safe, max(braking_speed(seen, brake, delay), p.unknown_speed_m_per_s))
+        speed *= max(MIN_SPEED_RATIO, 1 - state.uncertain_m / LOST_M)
         stopping = speed * delay + speed * speed / (2 * brake)
         blocked = safe < 0.1
         refused = state.vetoed + 1 if blocked else 0

@@ -41,6 +41,7 @@ class GoalState(NamedTuple):
         mode: what the car is doing.
         margin: free and seen distance ahead less the distance in which the commanded speed is braked, m; inf where the
             path is not followed ahead.
+        uncertain_m: standard deviation of the place of the car beyond the usual one, m.
     """
 
     reactive: RangingState
@@ -65,6 +66,7 @@ class GoalState(NamedTuple):
     no_progress_s: float
     mode: int
     margin: float
+    uncertain_m: float
 
 
 def requested_tasks(params: GoalParams) -> list[int]:

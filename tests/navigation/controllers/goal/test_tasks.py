@@ -7,6 +7,7 @@ import pytest
 
 from ndtorch.navigation import ARRIVED
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
+from ndtorch.navigation.controllers.goal.replanning import replan
 from ndtorch.navigation.controllers.goal.tasks import (
     DONE,
     EXPLORE,
@@ -17,6 +18,7 @@ from ndtorch.navigation.controllers.goal.tasks import (
     task_goal,
     with_pose,
 )
+from ndtorch.navigation.local_grid.grid import cells_at, empty_grid
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, drive, floor, nothing, place
 
 HERE = (0.0, 0.0, 0.0)
@@ -61,6 +63,24 @@ def test_goals_are_where_the_car_is_told_that_it_is():
     assert task_goal(told, params) == pytest.approx((0.1, 1.0), abs=1e-5)
     assert int(next_task(told, (2.0, 1.0, 0.0), control.tasks, params).task) == GOAL
     assert int(next_task(told, (0.1, 1.0, 0.0), control.tasks, params).task) == HOME
+
+
+def test_an_uncertain_place_slows_the_car_and_widens_its_footprint():
+    """The middle of a gap is 25 cm from the cells of the wall; 24 cm are enough, 29 cm are not."""
+    control = GoalControl(RIG, DT, GoalParams(goal=(2.0, 0.0), reactive=SMALL))
+    pose, state, fast = drive(control, 40, place(0.0, 0.0, 0.0))
+    slow, _ = control.step(floor(), nothing(), pose, fast, control.on_pose(state, pose, pose, 1.0))
+    assert slow.speed == pytest.approx(0.4 * fast.speed, rel=0.02)
+    grid = empty_grid(0.0, 0.0, SMALL.grid)
+    grid.evidence[:] = -2.0
+    y = np.arange(0.26, 3.1, 0.05)
+    y = np.concatenate((y, -y))
+    grid.evidence.reshape(-1)[cells_at((0.0, 0.0, 0.0), np.full_like(y, 1.2), y, SMALL.grid)] = 5.0
+    start = control.start(floor(), place(0.0, 0.0, 0.0))
+    start = start._replace(reactive=start.reactive._replace(grid=grid))
+    for uncertain, fits in ((0.0, True), (0.05, False)):
+        state = replan(start._replace(uncertain_m=uncertain), (0.0, 0.0, 0.0), control.params, 6)
+        assert (state.path[: state.points, 0].max(initial=0.0) > 1.5) == fits
 
 
 @pytest.mark.slow
