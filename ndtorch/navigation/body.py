@@ -67,12 +67,13 @@ class Body:
     @property
     def unit_m(self) -> float:
         """How many metres a metre of the controllers' parameters is, for this body: 1 for the car of [A]."""
+        return max(self.size_m, self.min_turn_radius_m / Body().min_turn_radius_m)
+
+    @property
+    def size_m(self) -> float:
+        """The same by length and width alone: how near things must be seen does not follow the turning radius."""
         usual = Body()
-        return max(
-            self.length_m / usual.length_m,
-            self.width_m / usual.width_m,
-            self.min_turn_radius_m / usual.min_turn_radius_m,
-        )
+        return max(self.length_m / usual.length_m, self.width_m / usual.width_m)
 
     @property
     def max_curvature_per_m(self) -> float:
@@ -116,8 +117,8 @@ def proximity_params(rig: StereoRig, body: Body) -> ProximityParams:
     Rooms do not shrink with a body: what is far is as far as for the car of [A], in metres.
     """
     usual = ProximityParams()
-    tilt = round(usual.max_tilt_px * rig.focal / USUAL_FOCAL)
-    return replace(usual, max_tilt_px=tilt, far_m=usual.far_m * max(1.0, 1 / body.unit_m))
+    tilt, near = round(usual.max_tilt_px * rig.focal / USUAL_FOCAL), usual.min_depth_m * body.size_m / body.unit_m
+    return replace(usual, max_tilt_px=tilt, min_depth_m=near, far_m=usual.far_m * max(1.0, 1 / body.unit_m))
 
 
 def match_params(rig: StereoRig, body: Body) -> MatchParams:
@@ -134,5 +135,6 @@ def search_params(rig: StereoRig, body: Body, rows: int = 1) -> SearchParams:
     """
     share, usual = rig.focal * rig.baseline / body.unit_m / USUAL_FOCAL_BASELINE, SearchParams()
     least = max(1, round(share * min(1.0, body.unit_m) * usual.min_disparity_px))
-    most = max(least + 2, min(round(share * usual.max_disparity_px), rig.width - 4 * usual.half_width_px))
+    near = share * body.unit_m / body.size_m
+    most = max(least + 2, min(round(near * usual.max_disparity_px), rig.width - 4 * usual.half_width_px))
     return SearchParams(rows=rows, min_disparity_px=least, max_disparity_px=most)

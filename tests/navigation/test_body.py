@@ -10,7 +10,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import CRUISE, Body, Command, Navigator, Pose, StereoRig
-from ndtorch.navigation.body import SPOT_RADIUS, match_params, rig_in_units, search_params
+from ndtorch.navigation.body import SPOT_RADIUS, match_params, proximity_params, rig_in_units, search_params
 from ndtorch.navigation.controllers.ranging import RangingControl, RangingParams
 from ndtorch.navigation.proximity import Obstacles
 from ndtorch.navigation.stereo.correspondence import MatchParams
@@ -61,6 +61,14 @@ def test_what_the_usual_body_has_is_what_there_is_without_one() -> None:
     assert match_params(RIG, Body()) == MatchParams()
     assert search_params(RIG, Body(), 3) == SearchParams()
     assert Navigator(RIG, 1 / 30, body=Body()).controller.params == Navigator(RIG, 1 / 30).controller.params
+
+
+def test_what_is_near_is_seen_as_near_as_by_a_body_of_this_size_that_turns_tightly() -> None:
+    wide, tight = Body(0.44, 0.20, 0.80), Body(0.44, 0.20, 0.0)
+    assert wide.unit_m > 2 * wide.size_m == pytest.approx(2 * tight.unit_m)
+    assert search_params(RIG, wide).max_disparity_px == search_params(RIG, tight).max_disparity_px
+    near = [proximity_params(RIG, body).min_depth_m * body.unit_m for body in (wide, tight)]
+    assert near[0] == pytest.approx(near[1])
 
 
 def test_speed_is_what_stops_in_the_length_in_which_the_usual_body_does() -> None:

@@ -194,6 +194,9 @@ def remember(
         bound(grid.raised, -g.least, g.most)
     arcs = at[marks.size + tables.under :]
     lengths = free_distances(costs(grid, g.blocked), arcs, tables.arcs, g.blocked, g.unknown)
+    # A wall that is nearer than the floor in view may be at any distance: before it only what was seen free is free.
+    if grid.raised.size and 2 * (marks[:, 0] > 0).sum() > marks[:, 0].size:
+        lengths[0] = np.minimum(lengths[0], lengths[1])
     s = state
     after = RangingState(
         floor,

@@ -122,6 +122,13 @@ def test_no_farther_back_than_it_has_been():
     assert corners.min() > -0.25 - 0.08  # a cell behind where its rear was at first
 
 
+def test_before_a_wall_nearer_than_the_floor_in_view_only_what_was_seen_free_is_free():
+    """From the third second on no floor is in view: the car goes back to where it began, and turns to no side."""
+    poses, _, _ = run(lambda pose, n: np.full((2, BLOCKS), 0.3 if n > 60 else 9.0), 300)
+    assert poses[:, 0].min() > -0.05
+    assert np.abs(poses[200:, 2]).max() < 0.15
+
+
 def seen_from(pose, world):
     """Places `[2, n]` of the world in the body frame."""
     dx, dy = world[0] - pose.x, world[1] - pose.y
