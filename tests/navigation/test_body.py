@@ -85,14 +85,15 @@ def test_speed_is_what_stops_in_the_length_in_which_the_usual_body_does() -> Non
 
 
 def test_a_differential_drive_turns_on_the_spot_where_others_back() -> None:
-    """Walls ahead and on both sides: the car that knows its floor backs, and the one that can turns."""
+    """A wall ahead, floor all around: the car that knows its floor backs, and the one that can turns."""
     pose, wall = Pose(0.0, 0.0, 0.0), np.linspace(-0.8, 0.8, 40, dtype=np.float32)
     speeds = []
     for radius in (0.45, 0.0):
         control = RangingControl(RIG, 1 / 30, RangingParams(body=Body(min_turn_radius_m=radius)))
         state = control.start(None, pose)
         floor = state.floor._replace(level=np.ones_like(state.floor.level), age=1000)
-        state = state._replace(floor=floor, mode=CRUISE)
+        seen = state.grid._replace(evidence=np.full_like(state.grid.evidence, -2.0))
+        state = state._replace(floor=floor, grid=seen, mode=CRUISE)
         blocked = Obstacles(np.full_like(wall, 0.52), wall)
         state = control.on_near_obstacles(state, pose, blocked, blocked, True)
         cells = np.zeros((4, control.params.floor.bands, control.params.floor.blocks), np.float32)
