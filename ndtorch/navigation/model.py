@@ -254,7 +254,7 @@ class Navigator(nn.Module):
             located = self.locate(left.row, right.row, pose, located)
             here = self.control_pose(pose, located)
             place = pose_like(pose, located.pose) if located.relocalisation is None else None
-            sigma = math.sqrt(located.covariance.diagonal()[:2].max())
+            sigma = math.sqrt(max(0.0, *located.covariance.diagonal()[:2]))
             control = controller.on_pose(control, here, place, sigma)
         if near is not None:
             control = near.before_step(controller, control, last, here, left, right, begins)
