@@ -116,6 +116,8 @@ ROUNDS = 6
 """What is left out changes what orientations hold beside colors: so often at most."""
 RIDGE = 1e-4
 """Share of the colors' power that is added to each of them where orientations are explained by them."""
+LEAST_POWER = 1e-12
+"""Power of colors over that of the largest, under which there is none."""
 LEAST_PRODUCT = 1e-6
 """Share of the largest under which a direction of products of colors is none."""
 
@@ -288,9 +290,12 @@ def beside(delayed: Tensor, colors: Tensor, shared: Tensor, share: float = RIDGE
         share: of the colors' power that is added to each of them.
     """
     orientation, color = GROUPS["orientation"], GROUPS["color"]
-    power = colors.diagonal(dim1=-2, dim2=-1).sum(-1).clamp_min(1e-12)
-    ridge = share * power[..., None, None] * torch.eye(3, dtype=colors.dtype, device=colors.device)
-    explained = torch.linalg.solve(colors + ridge, shared).mT.unsqueeze(-3)
+    power = colors.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
+    eye = torch.eye(3, dtype=colors.dtype, device=colors.device)
+    # Colors that do not fluctuate explain nothing: their covariance at a delay is rounding, and may have no inverse.
+    known = power > LEAST_POWER
+    inverted = torch.where(known, colors + share * power * eye, eye)
+    explained = torch.linalg.solve(inverted, torch.where(known, shared, 0.0)).mT.unsqueeze(-3)
     both = explained @ delayed[..., color, orientation]
     rest: Tensor = (
         delayed[..., orientation, orientation] - both - both.mT + explained @ delayed[..., color, color] @ explained.mT

@@ -6,7 +6,9 @@ import pytest
 import torch
 
 from ndtorch.binding.objects import ObjectTable
+from ndtorch.binding.readout.source_count import beside
 from ndtorch.binding.readout.sums import SumStatistics, sums_table
+from ndtorch.vision.features import GROUPS
 from tests.binding.readout.three_lights import MIXING, count, lights
 
 
@@ -59,3 +61,14 @@ def test_objects_in_step_are_two_where_no_single_object_has_their_features() -> 
     assert count(SumStatistics()(100 * (light @ MIXING[:1] + (2 - light) @ MIXING[1:2]))) == 2
     # Neither sign nor motion says that these are two.
     assert count(SumStatistics()(100 * light @ (MIXING[:1] + MIXING[2:]))) == 1
+
+
+def test_rounding_of_a_constant_level_is_nothing() -> None:
+    generator = torch.Generator().manual_seed(0)
+    last_digit = torch.randint(-1, 2, (300, 10), generator=generator) * torch.finfo(torch.float32).eps
+    assert count(SumStatistics(0.05)(1e4 * (1 + last_digit))) == 0
+    # What rounding leaves at a delay may have no inverse: colors like that explain nothing of the orientations.
+    colors = torch.tensor([[0.0, -0.25, -0.125], [-0.25, 0.0, 0.0], [-0.125, 0.0, 0.0]], dtype=torch.float64)
+    delayed = torch.rand(1, 10, 10, generator=generator, dtype=torch.float64)
+    orientations = GROUPS["orientation"]
+    assert torch.equal(beside(delayed, colors, colors, 1e-6), delayed[:, orientations, orientations])
