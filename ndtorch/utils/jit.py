@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
+import os
+import pickle
 import platform
+import subprocess
 import sys
+import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache, cached_property, update_wrapper
 from pathlib import Path
 from typing import Any, Generic, TypeVar, overload
@@ -145,6 +150,34 @@ def jit(function: Callable[..., R] | None = None, *, exact: bool = False) -> Any
         exact: the order of operations stays as it is written; else sums may be reordered (`FASTMATH`).
     """
     return JitFunction(function, exact) if function is not None else lambda given: JitFunction(given, exact)
+
+
+@contextlib.contextmanager
+def compiling_beside(work: Callable[[], object], kernel: JitFunction[Any]) -> Iterator[None]:
+    """Compile what some work needs in a second process, where `kernel` of it is in no cache yet.
+
+    Numba compiles one function at a time in a process. Who calls one of these functions meanwhile waits for it, and
+    compiles itself what the other process did not keep.
+
+    Args:
+        work: what needs them, without arguments, of a kind that can be pickled.
+    """
+    process = None
+    if kernel.folder is not None and not kernel.files() and (os.cpu_count() or 1) > 1:
+        call = [sys.executable, "-c", "import pickle, sys; pickle.load(sys.stdin.buffer)()"]
+        with contextlib.suppress(OSError, pickle.PicklingError, AttributeError), tempfile.TemporaryFile() as given:
+            pickle.dump(work, given)
+            given.seek(0)
+            process = subprocess.Popen(call, stdin=given, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield
+    except BaseException:
+        if process is not None:
+            process.kill()
+        raise
+    finally:
+        if process is not None:
+            process.wait()
 
 
 def packed(numbers: tuple[Any, ...]) -> Any:

@@ -10,13 +10,14 @@ import shutil
 import sys
 import warnings
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from ndtorch.utils.jit import announce, code_folder, jit
+from ndtorch.utils.jit import announce, code_folder, compiling_beside, jit
 from ndtorch.utils.selection import median
 
 CODE = """
@@ -153,3 +154,17 @@ def test_medians_of_many_few_and_equal_numbers() -> None:
     for row, count in zip(numbers, counts.tolist(), strict=True):
         assert np.float32(median(row, count)) == np.median(row[:count])
     assert np.array_equal(numbers, before)
+
+
+def test_another_process_compiles_beside_where_nothing_is_kept(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    scaled, work = load(kept).scaled, partial(Path.touch, kept / "done")
+    with compiling_beside(work, scaled):
+        assert scaled(1.0) == 2.0
+    assert (kept / "done").exists()
+    (kept / "done").unlink()
+    with compiling_beside(work, scaled):
+        pass
+    assert not (kept / "done").exists()
+    with compiling_beside(lambda: None, load(kept, CODE + "#").total):  # cannot be pickled: compiled here alone
+        pass
