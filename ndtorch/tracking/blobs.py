@@ -109,6 +109,8 @@ def cast_shadows(blobs: Blobs, mask: Bools, narrow: Bytes) -> Bools | None:
     found = None
     for r, (top, left, bottom, right) in enumerate(blobs.boxes.tolist()):
         window = (slice(top, bottom), slice(left, right))
+        if not narrow[window].any():
+            continue
         own = (blobs.labels[window] == r + 1) & mask[window]
         shadow = own & (narrow[window] > 0)
         excess = np.convolve(2 * shadow.sum(0) - own.sum(0), np.ones(SHADOW_COLUMNS))

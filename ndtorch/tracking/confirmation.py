@@ -10,18 +10,15 @@ from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import (
     has_contrast,
     is_rigid_motion,
-    oscillates,
     path_straightness,
     revoke_confirmation,
 )
-from ndtorch.tracking.track import Track, TrackState, is_small
+from ndtorch.tracking.track import Track, TrackState
 
 LEARNING_S = 1.0
 """No track is confirmed within this many seconds of a scene's beginning."""
 MAX_SHADOW = 0.5
 """A track of which this share, in the mean, may be a narrow shadow is one."""
-CONFIDENT_TRAVEL, CONFIDENT_STRAIGHTNESS = 2.0, 0.8
-"""A small track is confirmed after so many times the usual distance, on a path that is this straight."""
 
 
 def confirm(
@@ -56,7 +53,6 @@ def confirm(
         elif (
             seen_for > LEARNING_S - dt / 2
             and travels_enough(one, clutter, p)
-            and (not is_small(one, width, p) or is_confident(one, p))
             and not is_shadow(one)
             and is_object(one, light, p)
             and not is_particle_clutter(one, births, seen_for, width, p)
@@ -87,20 +83,14 @@ def travels_enough(track: Track, clutter: Floats, p: TrackingParams) -> bool:
 
 
 def is_object(track: Track, light: Callable[[], float], p: TrackingParams) -> bool:
-    """Whether a track has contrast and does not oscillate, or moves rigidly and straight.
+    """Whether a track has contrast, or moves rigidly and straight.
 
     Everything is an object if `min_travel_sizes` is 0. After a revoked confirmation a track has to move straight, too.
     """
-    if not p.min_travel_sizes or (has_contrast(track, p) and track.confirmed_at < 0 and not oscillates(track, p)):
+    if not p.min_travel_sizes or (has_contrast(track, p) and track.confirmed_at < 0):
         return True
     rigid = has_contrast(track, p) or is_rigid_motion(track, float(light()))
     return rigid and path_straightness(track) >= p.min_straightness_ratio
-
-
-def is_confident(track: Track, p: TrackingParams) -> bool:
-    """Whether a small track has contrast and moved far and straight."""
-    straight = path_straightness(track) >= CONFIDENT_STRAIGHTNESS
-    return has_contrast(track, p) and straight and track.net_travel >= CONFIDENT_TRAVEL * min_travel(track, p)
 
 
 def is_shadow(track: Track) -> bool:

@@ -24,8 +24,6 @@ MIN_RIGIDITY = -0.05
 """A track moves rigidly if its new place fits better than its old by this ratio."""
 RIGIDITY_NOISE = 0.25
 """Differences of this fraction of the light are needed before an appearance says anything."""
-OSCILLATION_MARGIN = 0.3
-"""A track whose appearance fits its old places better by this ratio, on a path that is not straight, oscillates."""
 PATH_STEP_SIZES = 0.2
 """Paths are measured in steps of this many sizes."""
 MIN_NET_TRAVEL_RATIO, MIN_GROWTH_SIZES = 0.35, 0.5
@@ -89,16 +87,6 @@ def is_rigid_motion(track: Track, light: float) -> bool:
     stayed, went = track.appearance_error.tolist()
     doubt = (RIGIDITY_NOISE * light) ** 2
     return bool(stayed - went - doubt >= MIN_RIGIDITY * (stayed + went + doubt))
-
-
-def oscillates(track: Track, p: TrackingParams) -> bool:
-    """Whether its appearance stayed behind wherever it went, and its path is not straight: leaves in the wind.
-
-    The leg of somebody who walks stays behind as well, but its path is straight.
-    """
-    stayed, went = track.appearance_error.tolist()
-    behind = stayed - went < -OSCILLATION_MARGIN * (stayed + went)
-    return bool(behind) and path_straightness(track) < p.min_straightness_ratio
 
 
 def path_straightness(track: Track) -> float:

@@ -13,13 +13,11 @@ from torch import Tensor
 import ndtorch
 from ndtorch.binding import BoundObject
 from ndtorch.binding.models.foreground import ForegroundModel
-from ndtorch.tracking.confirmation import is_object
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import (
     compare_patches,
     confidence,
     is_rigid_motion,
-    oscillates,
     revoke_confirmation,
     update_appearance_match,
 )
@@ -102,18 +100,6 @@ def walked(columns: list[float], dt: float = 0.1) -> Track:
 
 TO_AND_FRO = [0.5, 0.6, 0.7, 0.6, 0.5]
 STRAIGHT = [0.5, 0.6, 0.7, 0.8, 0.9]
-
-
-@pytest.mark.parametrize(
-    ("stayed", "columns", "swinging"), [(0.1, TO_AND_FRO, True), (0.1, STRAIGHT, False), (0.9, TO_AND_FRO, False)]
-)
-def test_what_stays_behind_on_a_way_to_and_fro_swings(stayed: float, columns: list[float], swinging: bool) -> None:
-    """`stayed` is the difference at the old places: small where the looks stayed there."""
-    one = walked(columns)
-    one.appearance_error, one.contrast_sum = np.array([stayed, 1 - stayed]), 99.0 * len(columns)
-    assert oscillates(one, P) is swinging
-    assert is_object(one, GROUND.mean, P) is not swinging
-    assert is_object(one, GROUND.mean, TrackingParams(min_travel_sizes=0.0))
 
 
 def test_an_object_that_only_went_to_and_fro_is_taken_back_within_its_trial() -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -37,6 +39,20 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "tentative": {"tentative_max_s": ENDLESS},
 }
 """Each rule, and the constants that switch it off."""
+TRACKING = "ndtorch.tracking."
+CODE: Mapping[str, Mapping[str, Any]] = {
+    "rigid motion, whole": {
+        "confirmation.is_rigid_motion": lambda *_: True,
+        "tracker.update_appearance_match": lambda *_: None,
+    },
+    "revoked confirmation": {"confirmation.revoke_confirmation": lambda *_: False},
+    "narrow shadow": {"confirmation.is_shadow": lambda *_: False},
+    "cast shadow": {"blobs.cast_shadows": lambda *_: None},
+    "hidden tracks": {"association.has_room": lambda *_: True},
+    "splits": {"tracker.resolve_splits": lambda *_: None},
+    "ghosts traced back": {"tracker.trace_back": lambda ghosts, *_: ghosts},
+}
+"""Rules without a constant, and what replaces names of `ndtorch.tracking`."""
 
 COLUMNS = (
     Column("clip", "clip"),
@@ -66,7 +82,7 @@ def ablation_benchmark(split: Split, folder: Path | None = None) -> Benchmark:
     for place in [] if folder is None else clip_folders(folder):
         clips[place.name] = functools.partial(read_clip, place)
     tasks = [Task(clip, functools.partial(measure, clip, make)) for clip, make in clips.items()]
-    settings = {"folder": str(folder), "split": split, "rules": repr(RULES)}
+    settings = {"folder": str(folder), "split": split, "rules": f"{RULES} {list(CODE)}"}
     title = "What each rule earns"
     return Benchmark("ablation", title, NOTE, COLUMNS, tasks, USES, mean_rows, no_image, settings=settings)
 
@@ -76,8 +92,11 @@ def measure(name: str, make: Callable[[], LabelledClip], folder: Path) -> list[R
     labelled, rows = make(), list[Row]()
     clip = labelled.clip._replace(frames=list(labelled.clip.frames))
     labelled = replace(labelled, clip=clip)
-    for rule, options in RULES.items():
-        output = run_model("foreground", clip, 0, options)
+    for rule in (*RULES, *CODE):
+        with ExitStack() as off:
+            for place, other in CODE.get(rule, {}).items():
+                off.enter_context(patch(TRACKING + place, other))
+            output = run_model("foreground", clip, 0, RULES.get(rule, {}))
         score = asdict(mot_score(output, labelled.truth(), clip.fps, labelled.masked))
         rows.append({"clip": name, "method": rule} | {column.key: score[column.key] for column in COLUMNS[2:]})
     return rows
