@@ -41,7 +41,7 @@ RULES: Mapping[str, Mapping[str, Any]] = {
 """Each rule, and the constants that switch it off."""
 TRACKING = "ndtorch.tracking."
 CODE: Mapping[str, Mapping[str, Any]] = {
-    "rigid motion, whole": {
+    "rigid motion of all": {
         "confirmation.is_rigid_motion": lambda *_: True,
         "tracker.update_appearance_match": lambda *_: None,
     },
