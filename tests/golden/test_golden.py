@@ -84,11 +84,13 @@ def every_mode(kept: Kept) -> Numbers:
     return np.repeat(*np.array(kept["modes"]).T)
 
 
-SECOND = {name: pytest.param(name, marks=pytest.mark.long) for name in named("drive") if name.endswith("/1")}
-"""The second drive through each arena."""
+OFTEN = ("/office/0", "/explore")
+"""Drives of each controller that every run of the suite compares."""
 
 
-@pytest.mark.parametrize("name", [SECOND.get(name, name) for name in named("drive")])
+@pytest.mark.parametrize(
+    "name", [name if name.endswith(OFTEN) else pytest.param(name, marks=pytest.mark.long) for name in named("drive")]
+)
 def test_drive(name: str) -> None:
     """See `drives_alike` and `maps_alike`."""
     found = RUNS[name](GOLDEN[name])
