@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import queue
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
@@ -20,8 +20,9 @@ from ndtorch.scenes.base import SAME_PIXELS, PixelMap
 from ndtorch.vision import FilterState
 from ndtorch.vision.frames import as_float, check_frames
 
-YOUNG_S = 0.3
-"""Seconds that an object has to last before it is marked."""
+MARKED_S, NUMBERED_S = 0.3, 1.0
+"""Seconds that an object has to last before it is marked, and before it has a number: until then it may turn out to be
+a part of another."""
 MOMENT_SECONDS = 3.0
 """A moment is kept for this long before a less clear but more recent one may take its place."""
 
@@ -37,6 +38,11 @@ class Glimpse(NamedTuple):
     state: Any
     table: ObjectTable | None
     large: Pixels | None = None
+
+
+def age(one: BoundObject) -> float:
+    """Seconds since an object was first seen."""
+    return (one.last_seen or 0.0) - (one.first_seen or 0.0)
 
 
 class PictureMaker:
@@ -57,6 +63,7 @@ class PictureMaker:
     ) -> None:
         self.model, self.watchers, self.pixel_map = model, watchers, pixel_map
         self.numbers: dict[int | None, int] = {}
+        self._since: dict[int, float] = {}
         self._lock = threading.Lock()
         self.attention = None if model.tracks else Attention(dt, model.config.normalise.tau_sums)
         self.moments: dict[int, Moment] = {}
@@ -97,25 +104,29 @@ class PictureMaker:
 
     def _tracked(self, glimpse: Glimpse) -> Picture:
         """The frame and the objects in sight."""
-        seen = [one for one in self.model.visible_objects(glimpse.state) if one.last_seen - one.first_seen >= YOUNG_S]
-        things = [moved(one, self.pixel_map) for one in self.numbered(seen)]
+        seen = [one for one in self.model.visible_objects(glimpse.state) if age(one) >= MARKED_S]
+        old = self.numbered([one for one in seen if age(one) >= NUMBERED_S])
+        young = [replace(one, number=self.numbers.get(one.track)) for one in seen if age(one) < NUMBERED_S]
+        things = [moved(one, self.pixel_map) for one in (*old, *young)]
         frame = to_pixels(shown(glimpse.frame)) if glimpse.large is None else glimpse.large
         return Picture(glimpse.time, frame, objects=tuple(things))
 
     def appeared(self, signals: Any) -> None:
-        """Number the tracks that are objects for the first time in a chunk, of models whose signals show them."""
+        """Number the tracks of a chunk that have been objects for `NUMBERED_S`, of models whose signals show them."""
         if hasattr(signals, "mask") and len(signals.time):
-            found = np.unique(signals.labels.numpy()[signals.mask.numpy() > 0])
+            found, time = np.unique(signals.labels.numpy()[signals.mask.numpy() > 0]), float(signals.time[-1])
             with self._lock:
-                for label in found.tolist():
-                    self.numbers.setdefault(label - 1, len(self.numbers) + 1)
+                for track in (found - 1).tolist():
+                    if track not in self.numbers and time - self._since.setdefault(track, time) >= NUMBERED_S:
+                        self.numbers[track] = len(self.numbers) + 1
+                        del self._since[track]
 
     def numbered(self, things: Sequence[BoundObject]) -> list[BoundObject]:
         """The objects with their numbers, in the order of these; who has none yet gets the next, by time of birth."""
         with self._lock:
             for one in sorted(things, key=lambda thing: (thing.first_seen or 0.0, thing.track or 0)):
                 self.numbers.setdefault(one.track, len(self.numbers) + 1)
-        own = [dataclasses.replace(one, number=self.numbers[one.track]) for one in things]
+        own = [replace(one, number=self.numbers[one.track]) for one in things]
         return sorted(own, key=lambda one: one.number or 0)
 
     def _enhanced(self, glimpse: Glimpse) -> Picture:
@@ -147,7 +158,7 @@ def moved(thing: BoundObject, to: PixelMap) -> BoundObject:
     """An object with its latest place and box in pixels of the source."""
     place = None if thing.place is None else tuple(to.points(thing.place).tolist())
     boxes = () if thing.box is None else (tuple(to.points(thing.box).tolist()),)
-    return dataclasses.replace(thing, place=place, boxes=boxes)
+    return replace(thing, place=place, boxes=boxes)
 
 
 def shown(frame: Tensor) -> Tensor:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import torch
 
 from ndtorch.errors import InputError
+from ndtorch.run.pictures import PictureMaker
 from ndtorch.run.run import run_model
 from ndtorch.run.watchers import Picture, Watcher
 from tests.run.stub_model import Count, StubModel, StubState
@@ -76,3 +78,15 @@ def test_no_frame_and_one_frame_are_refused() -> None:
         run_model(StubModel(), Count(1))
     # One more frame of a run that goes on is fine.
     assert run_model(StubModel(), Count(6), StubState(torch.tensor(5)), start=5).frames == 1
+
+
+def test_what_is_soon_a_part_of_another_object_has_no_number() -> None:
+    """Objects are numbered from 1 in the order in which they appear, once they have lasted for a second."""
+    maker = PictureMaker(SimpleNamespace(tracks=True), 0.1)
+    for n in range(30):
+        labels = torch.zeros(1, 4, 4, dtype=torch.int32)
+        labels[0, 0, 0] = 7 if n < 8 else 0
+        labels[0, 1, 1] = 5
+        labels[0, 2, 2] = 9 if n > 12 else 0
+        maker.appeared(SimpleNamespace(labels=labels, mask=labels > 0, time=torch.tensor([n / 10])))
+    assert maker.numbers == {4: 1, 8: 2}
