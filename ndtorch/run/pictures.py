@@ -116,10 +116,11 @@ class PictureMaker:
         if hasattr(signals, "mask") and len(signals.time):
             found, time = np.unique(signals.labels.numpy()[signals.mask.numpy() > 0]), float(signals.time[-1])
             with self._lock:
-                for track in (found - 1).tolist():
-                    if track not in self.numbers and time - self._since.setdefault(track, time) >= NUMBERED_S:
+                new = [track for track in (found - 1).tolist() if track not in self.numbers]
+                self._since = {track: self._since.get(track, time) for track in new}
+                for track, since in self._since.items():
+                    if time - since >= NUMBERED_S:
                         self.numbers[track] = len(self.numbers) + 1
-                        del self._since[track]
 
     def numbered(self, things: Sequence[BoundObject]) -> list[BoundObject]:
         """The objects with their numbers, in the order of these; who has none yet gets the next, by time of birth."""
