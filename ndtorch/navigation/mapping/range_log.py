@@ -94,7 +94,7 @@ def end_frame(log: RangeLog, home: FramePose | None) -> RangeLog:
         rows = torch.cat((chunks.pop(frame, rows[:0]), rows))
     if home is not None and len(rows):
         if home.frame != frame:
-            there = moved(rows[:, 5:], torch.tensor(home.pose, dtype=torch.float64))
+            there = compose(torch.tensor(home.pose, dtype=torch.float64), rows[:, 5:])
             rows = torch.cat((rows[:, :5], torch.stack(there, -1).to(rows)), -1)
         chunks[home.frame] = thinned(torch.cat((chunks.get(home.frame, rows[:0]), rows)))
     numbers = torch.tensor(list(chunks), dtype=torch.float64)
@@ -131,12 +131,10 @@ def repetitions(poses: Pose, x: Tensor, y: Tensor) -> Tensor:
     return before
 
 
-def moved(poses: Tensor, base: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def compose(base: Tensor, poses: Tensor) -> Pose:
     """Poses `[m, 3]` in frames at `base` `[..., 3]`, where these are known."""
-    x, y, heading = poses.double().unbind(-1)
-    left, bottom, turn = base.double().unbind(-1)
-    cos, sin = turn.cos(), turn.sin()
-    return left + cos * x - sin * y, bottom + sin * x + cos * y, turn + heading
+    at, (x, y, heading) = Pose(*base.double().unbind(-1)), poses.double().unbind(-1)
+    return Pose(*to_world(at, x, y), at.heading + heading)
 
 
 def in_world(log: RangeLog, frames: Frames) -> tuple[Ranges, Pose]:
@@ -151,4 +149,4 @@ def in_world(log: RangeLog, frames: Frames) -> tuple[Ranges, Pose]:
     base = torch.cat([torch.zeros(0, 3, dtype=torch.float64), *(pose.expand(len(part), 3) for part, pose in chosen)])
     distance, left, right, ahead, aside = (rows[:, None, part] for part in range(5))
     found = Ranges(distance, left, right, ahead, aside, torch.ones_like(distance, dtype=torch.bool))
-    return found, Pose(*(part.to(rows) for part in moved(rows[:, 5:], base)))
+    return found, Pose(*(part.to(rows) for part in compose(base, rows[:, 5:])))
