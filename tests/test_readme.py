@@ -80,7 +80,7 @@ def test_what_the_pages_call_exists() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["start", "binding", "models", "navigation"])
+@pytest.mark.parametrize("page", ["binding", "models", "navigation"])
 def test_snippets_of_the_pages(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = (Path(__file__).resolve().parents[1] / "docs" / f"{page}.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)

@@ -117,13 +117,16 @@ def tally(entries: Sequence[Entry]) -> str:
 
 
 def markdown(entries: Sequence[Entry], quick: bool, command: str) -> str:
-    """The table of claims for a README."""
+    """The table of claims for a README; the report names the criteria that were not met."""
 
     def cell(text: str) -> str:
         return text.replace("|", "\\|").replace("\n", " ")
 
     def shown(outcome: Outcome) -> str:
         return f"**{outcome.verdict}**" if outcome.verdict != "holds" else "holds"
+
+    def reason(outcome: Outcome) -> str:
+        return outcome.why.partition("Not met: ")[0].strip()
 
     lines = [
         f"Written by `{command}`: {tally(entries)}." + (" A quick run: fewer or shorter trials." if quick else ""),
@@ -134,12 +137,12 @@ def markdown(entries: Sequence[Entry], quick: bool, command: str) -> str:
     for entry in entries:
         claim, outcome = entry.claim, entry.outcome
         cells = [f"{claim.text} [{claim.source}]", claim.printed, outcome.ours, claim.tolerance]
-        cells += [shown(outcome), outcome.why]
+        cells += [shown(outcome), reason(outcome)]
         if entry.better is None:
             cells.append("")
         else:
             parts, with_them = entry.better.claim.parts, entry.better.outcome
-            cells.append(f"{shown(with_them)}, {parts}: {with_them.ours}. {with_them.why}")
+            cells.append(f"{shown(with_them)}, {parts}: {with_them.ours}. {reason(with_them)}")
         lines.append(f"| {claim.id} | {' | '.join(map(cell, cells))} |")
     return "\n".join(lines) + "\n"
 
