@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import json
 import secrets
@@ -89,6 +90,7 @@ class FaultInjection:
                 if file not in known:
                     found = drive_scenario(config, number, self.scenario_seconds, faults)
                     gc.collect()
+                    ctypes.CDLL(None).malloc_trim(0)  # memory that is free is no leak
                     found |= {"process": process, "megabytes": round(resident_megabytes(), 1), "key": key}
                     write_text(file, json.dumps(found) + "\n")
                     known[file] = found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
@@ -10,6 +11,9 @@ from ndtorch_robot.sim.stepped_world import Cable, SteppedWorld, good_cable
 
 DAMAGE = {"20 % of bytes": 0.2, "3 % of bytes": 0.03, "single bytes": 0.0003}
 """Share of bytes with a flipped bit: in nearly every frame, in every third, or in one every three seconds."""
+
+APART = 1.0
+"""Seconds without damage after a single byte: the board stops at four refused frames within a second."""
 
 LOST = 0.03
 """Share of writes that are lost, of those of which only some are."""
@@ -66,13 +70,16 @@ class FaultyLink:
         return arrived
 
     def damaged(self, share: str) -> Cable:
-        """A link that flips one bit in this share of its bytes."""
+        """A link that flips one bit in this share of its bytes; single bytes are `APART`."""
+        good_until = -math.inf
 
         def damage(data: bytes, now: float) -> bytes:
-            if not data:
-                return data
+            nonlocal good_until
+            damaged = self.random.random(len(data)) < DAMAGE[share]
+            if share == "single bytes" and damaged.any():
+                damaged &= (np.arange(len(data)) == damaged.argmax()) & (now >= good_until)
+                good_until = max(good_until, now + APART) if damaged.any() else good_until
             bits = (1 << self.random.integers(0, 8, len(data))).astype(np.uint8)
-            wrong = np.where(self.random.random(len(data)) < DAMAGE[share], bits, 0).astype(np.uint8)
-            return bytes(np.frombuffer(data, np.uint8) ^ wrong)
+            return bytes(np.frombuffer(data, np.uint8) ^ np.where(damaged, bits, 0).astype(np.uint8))
 
         return damage

@@ -97,7 +97,8 @@ def test_faults_stop_wheels_that_turn_backwards(tmp_path, names):
     injector, lowest = inject(tmp_path / "recording.mcap", *names, backwards=True)
     assert lowest == pytest.approx(-0.3, abs=0.02)
     assert [row for row in injector.rows if row["failure"] is not None] == []
-    assert all(row["reaction_s"] > 0 for row in injector.rows)
+    at_once = {row["fault"] for row in injector.rows if not row["reaction_s"] > 0}
+    assert at_once <= {"board restarts"}  # the outputs of a board that restarts are dead
     assert injector.unexplained == []
 
 

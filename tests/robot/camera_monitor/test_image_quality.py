@@ -100,6 +100,23 @@ def test_a_border_down_the_subfield_is_not_that_of_a_blurred_picture(shades):
         assert "is blurred" in str(seen(soft, 17.0))
 
 
+@pytest.mark.parametrize("steps", [4, 6, 9])
+def test_a_staircase_of_sharp_steps_is_not_blurred(steps):
+    """Each step, as of the facets of a pillar, is a small part of the range of the row."""
+    random = np.random.default_rng(6)
+    row = (100 + 16 * (np.arange(640) * steps // 640) + np.arange(640) / 40.0)[None]
+    floor = 90 + 12 * np.sin(np.arange(560) / 30) * np.ones((70, 1))
+
+    def seen(row):
+        parts = [np.round(part + random.normal(0, 1, part.shape)) for part in (floor, row)]
+        return check_image(
+            measure(Strips(*(torch.from_numpy(part).to(torch.uint8)[None, None] for part in parts))), LIMITS
+        )
+
+    assert seen(row) is None
+    assert "is blurred" in str(seen(cv2.GaussianBlur(row, (0, 0), 14)))
+
+
 @pytest.mark.parametrize("noise", [1.0, 2.0])
 def test_a_blurred_row_in_the_dark_is_told_from_its_noise(noise):
     random = np.random.default_rng(4)
