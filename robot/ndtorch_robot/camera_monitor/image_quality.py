@@ -35,8 +35,8 @@ BORDER, BORDER_SHARE = 0.5, 50
 blurred by 14 pixels changes by 0.23; of 2448 blurred images, at four light levels, none had more than 0.37."""
 
 FLANK = 0.25
-"""A step of the row lies between plateaus where the four blocks on either side change by at most this ratio of it. Those
-of an edge blurred by 14 pixels change by more than 0.85."""
+"""A step of the row lies between plateaus where the four blocks on either side change by at most this ratio of it.
+Those of an edge blurred by 14 pixels change by more than 0.85."""
 
 FIELD_NOISE, EDGE_NOISE = 1.5 / BLOCK**2, 2 / BLOCK * 2.7**2
 """What noise of variance 1 adds to the square of a subfield's contrast, and to that of the largest of 160 steps between
