@@ -299,9 +299,6 @@ def check_size(name: str, value: object, least: int) -> None:
 def renamed_fields(**now: str) -> Callable[[AnyClass], AnyClass]:
     """Decorator above `dataclass`: a field of an earlier version is answered with its present name, and an unknown one
     with the nearest that there is.
-
-    Args:
-        now: earlier names and their present ones.
     """
 
     def add(kind: AnyClass) -> AnyClass:
@@ -324,11 +321,7 @@ def renamed_fields(**now: str) -> Callable[[AnyClass], AnyClass]:
 
 
 def rows_in(name: str, seconds: float, dt: float, least: int = 1) -> int:
-    """How many time steps a memory of so many seconds holds.
-
-    Raises:
-        InputError: more than `MOST_ROWS`.
-    """
+    """How many time steps a memory of so many seconds holds. Raises `InputError`: more than `MOST_ROWS`."""
     rows = seconds / dt
     if not rows <= MOST_ROWS:
         raise InputError(f"{name} must be {MOST_ROWS} time steps of {dt:g} s at most, got {seconds:g} s")

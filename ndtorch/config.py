@@ -164,11 +164,7 @@ def old_keys(kind: type[BaseModel]) -> dict[str, str]:
 
 
 def with_options(config: Kind, options: Mapping[str, Any]) -> Kind:
-    """The config with other values for some of its keys, given by their names: `gamma=1.0`, `{"network.tau_in": 2.0}`.
-
-    Raises:
-        InputError: a key that the config does not have or has more than once, or a value out of range.
-    """
+    """The config with other values for some keys, given by their names: `gamma=1.0`, `{"network.tau_in": 2.0}`."""
     places = option_places(type(config))
     data = config.model_dump()
     for name, value in options.items():

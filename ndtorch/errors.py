@@ -23,12 +23,6 @@ LONGEST = 80
 
 
 def did_you_mean(given: object, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """`"; did you mean hallway?"` to end a message with; nothing where no name is near.
-
-    Args:
-        given: what the user wrote.
-        known: names there are.
-        cutoff: how like they must be, 0..1.
-    """
+    """`"; did you mean hallway?"` to end a message with; nothing where no name is near."""
     near = difflib.get_close_matches(str(given)[:LONGEST], list(known), 1, cutoff)
     return f"; did you mean {near[0]}?" if near else ""

@@ -113,11 +113,7 @@ def export(
 
 
 def write(files: Mapping[Path, torch.export.ExportedProgram], format: Format) -> None:
-    """Write programs in one of the formats: all of them, or none and the old files stay.
-
-    Raises:
-        InputError: a file that cannot be written, or packages that are missing.
-    """
+    """Write programs in one of the formats: all of them, or none and the old files stay."""
     if format == "onnx" and (find_spec("onnx") is None or find_spec("onnxscript") is None):
         raise InputError("ONNX needs two more packages: pip install onnx onnxscript")
     try:

@@ -75,11 +75,7 @@ def load(
 
 
 def model_kind(model: str | Path) -> str:
-    """The kind of a model as its config.toml names it, such as "published".
-
-    Raises:
-        InputError: unknown name, missing or broken folder.
-    """
+    """The kind of a model as its config.toml names it, such as "published"."""
     return kind_of(model_folder(model))
 
 

@@ -45,11 +45,7 @@ def block_diagonal(stage: FirstStage) -> Tensor:
 
 
 def first_stage_weights(stage: FirstStage | Tensor) -> Tensor:
-    """The `[10, 10]` weights of a trained first stage or of a matrix, if they are usable.
-
-    Raises:
-        InputError: not `[10, 10]`, not finite, negative, or other than zero on the diagonal or between groups.
-    """
+    """The `[10, 10]` weights of a trained first stage or of a matrix, if they are usable."""
     weights = block_diagonal(stage) if isinstance(stage, FirstStage) else stage
     if not isinstance(weights, Tensor) or weights.shape != (10, 10):
         given = tuple(weights.shape) if isinstance(weights, Tensor) else type(weights).__name__
@@ -66,11 +62,7 @@ def first_stage_weights(stage: FirstStage | Tensor) -> Tensor:
 
 
 def read_first_stage(path: Path) -> Tensor:
-    """The `[10, 10]` first-stage weights in a weights.safetensors with the keys motion, orientation and color.
-
-    Raises:
-        InputError: missing, damaged, without a checksum, or weights of other names, shapes or types.
-    """
+    """The `[10, 10]` first-stage weights in a weights.safetensors with the keys motion, orientation and color."""
     tensors, _ = read_tensors(path, "a safetensors file")
     weights = torch.zeros(10, 10)
     for name, group in GROUPS.items():

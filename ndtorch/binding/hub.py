@@ -45,11 +45,7 @@ def repository(address: str) -> tuple[str, str | None]:
 
 
 def download_model(address: str) -> Path:
-    """The folder of a model on the Hub, fetched, or from the cache where it is there or HF_HUB_OFFLINE is set.
-
-    Raises:
-        InputError: `huggingface_hub` is not installed; no such repository or revision, or it cannot be reached.
-    """
+    """The folder of a model on the Hub, fetched, or from the cache where it is there or HF_HUB_OFFLINE is set."""
     repo, revision = repository(address)
     hub = need("huggingface_hub", "a model on the Hub")
     folder = ask(address, hub.snapshot_download, repo_id=repo, revision=revision, allow_patterns=FILES)

@@ -35,11 +35,7 @@ def save_state(state: Any, path: str | Path, about: Mapping[str, str] | None = N
 
 
 def read_about(path: str | Path) -> dict[str, str]:
-    """The strings that `save_state` wrote beside the state.
-
-    Raises:
-        InputError: missing file, or not safetensors.
-    """
+    """The strings that `save_state` wrote beside the state. Raises `InputError`: missing file, or not safetensors."""
     return read_tensors(path, "a saved state")[1]
 
 

@@ -54,16 +54,7 @@ def missing(error: Exception) -> str | None:
 
 
 def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> int:
-    """Parse the options of one command and run it.
-
-    Args:
-        prog: how the command is called, for the help.
-        kind: the command, a dataclass with `run() -> int`.
-        arguments: its options.
-
-    Returns:
-        The exit code: that of the command, 2 after an `InputError` (one line on stderr), 130 after Ctrl-C.
-    """
+    """Parse the options of a command and run it; the exit code: its own, 2 after an `InputError`, 130 after Ctrl-C."""
     try:
         from ndtorch.run.arguments import QUIET, parse
 
@@ -101,12 +92,7 @@ def what_the_system_said(error: Exception) -> str | None:
 
 @contextlib.contextmanager
 def told(quiet: bool, muted: bool) -> Iterator[None]:
-    """What a command has to say goes to stderr, a line each: what it logs, and remarks such as "is grey".
-
-    Args:
-        quiet: say nothing of that.
-        muted: print nothing on stdout either.
-    """
+    """Remarks and log go to stderr, a line each, unless `quiet`; `muted`: nothing on stdout either."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("note: %(message)s"))
     loggers = [logging.getLogger(name.replace("-", "_")) for name in OURS]

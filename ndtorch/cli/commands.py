@@ -51,11 +51,7 @@ def installed() -> dict[str, list[EntryPoint]]:
 
 
 def load_command(name: str, points: Sequence[EntryPoint]) -> type[Subcommand]:
-    """The class of a command; its module is imported now, and no other command's.
-
-    Raises:
-        CommandError: two distributions have a command of this name, or the command's module cannot be imported.
-    """
+    """The class of a command; its module is imported now, and no other command's."""
     if len(points) > 1:
         raise CommandError(f"{name} is registered {len(points)} times: {', '.join(map(origin, points))}; remove one")
     try:
@@ -72,14 +68,7 @@ def origin(point: EntryPoint) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The `ndtorch` command: run the command that comes first on the command line.
-
-    Args:
-        arguments: instead of those of the process.
-
-    Returns:
-        The exit code: that of the command, 2 for a command that does not exist or cannot be loaded.
-    """
+    """The `ndtorch` command: run the command that comes first on the command line."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     commands = installed()
     if not given or given[0] in ("-h", "--help"):

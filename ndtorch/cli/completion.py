@@ -55,12 +55,7 @@ SHELLS = {
 
 
 def completion(shell: str, flags: Mapping[str, Sequence[str]]) -> str:
-    """A script for a shell that completes commands, their flags, and files.
-
-    Args:
-        shell: one of `SHELLS`.
-        flags: of every command.
-    """
+    """A script for a shell that completes commands, their flags, and files."""
     script, case = SHELLS[shell]
     cases = "\n".join(case.format(name=name, flags=" ".join(words)) for name, words in flags.items())
     return script.format(commands=" ".join(flags), cases=cases)

@@ -79,12 +79,9 @@ class CameraMotion(Watcher):
 
 
 def global_shift(before: Pixels, after: Pixels) -> float:
-    """Mean shift in pixels of what moves as one, if that is most of the image; 0 if nothing is.
+    """Mean shift in pixels between two grey images of what moves as one, if that is most of the image; else 0.
 
     Corners are tracked (Lucas and Kanade 1981), and a similarity transform is fitted by RANSAC.
-
-    Args:
-        before, after: grey, `[h, w]` uint8.
     """
     import cv2
 

@@ -11,12 +11,7 @@ SHORTEST_S = 1.5
 
 
 def advice(result: RunResult, camera: CameraMotion, masks: MaskStore) -> tuple[str, ...]:
-    """What is to be said of a run of a model with tracks, a line each: reasons for no objects, or a moving camera.
-
-    Args:
-        result: of the run.
-        camera, masks: that watched it.
-    """
+    """What is to be said of a run of a model with tracks, a line each: reasons for no objects, or a moving camera."""
     lines = [line for line in [camera.advice()] if line is not None]
     if result.objects:
         return tuple(lines)

@@ -100,13 +100,7 @@ class Page:
 
 
 def render(template: str, folder: Path | None = None, **values: Any) -> str:
-    """A template filled in.
-
-    Args:
-        template: name of the file.
-        folder: more templates, which may extend `base.html`.
-        values: what it asks for; text is escaped.
-    """
+    """A template filled in; `folder` has more templates, which may extend `base.html`. Text is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     places = [Path(__file__).with_name("templates"), *([] if folder is None else [folder])]
@@ -172,13 +166,7 @@ SHOWN = (
 
 
 def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
-    """Write report.html about a run whose other files are in `folder`.
-
-    Args:
-        result: of the run.
-        folder: where its files are, and where the page goes.
-        chosen: the model's name, and why it was taken.
-    """
+    """Write report.html about a run whose other files are in `folder`."""
     count = len(result.objects)
     found = [f"{count} object{'s' * (count != 1)} found." if count else "No objects found."]
     found += [f"{line[0].upper()}{line[1:]}." for line in result.advice]

@@ -52,9 +52,6 @@ def end_stream(stream: Any, patience: float = 15.0) -> None:
 
     On a full disk the writer of the SDK ends by itself. Whatever waits for it then waits forever: a flush, closing the
     stream, and the end of the program. Such a stream is left as it is.
-
-    Args:
-        patience: longest time to wait, s.
     """
     try:
         stream.flush(timeout_sec=patience)

@@ -53,13 +53,7 @@ def color_of(thing: BoundObject) -> str:
 
 
 def draw_timeline(result: RunResult, path: Path, ground: Pixels | None = None) -> Path:
-    """timeline.png: a lane an object in its color, arrows for where it moves, and all paths in the picture.
-
-    Args:
-        result: of a run.
-        path: the file.
-        ground: a picture without the objects, `[H, W, 3]`, to draw the paths on.
-    """
+    """timeline.png: a lane an object in its color, arrows for where it moves, and all paths in the picture."""
     from matplotlib.figure import Figure
     from matplotlib.patheffects import withStroke
 

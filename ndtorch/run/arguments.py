@@ -52,9 +52,6 @@ def choices(**words: Sequence[str]) -> Callable[[Kind], Kind]:
     """Class decorator, under `dataclass`: the help shows what an option takes, `--rule {competitive,hebbian}`.
 
     What is given is checked where it is used, with one line that names the option.
-
-    Args:
-        words: for each option what it takes; words in capitals stand for any such thing.
     """
 
     def add(kind: Kind) -> Kind:
@@ -126,14 +123,7 @@ def flags_of(kind: type[Any]) -> list[str]:
 
 
 def in_a_line(box: str, prog: str, flags: Sequence[str], arguments: Sequence[str]) -> str:
-    """What tyro draws as a box of many lines, in one; with the flag or the choice that was probably meant.
-
-    Args:
-        box: as tyro prints it: a title, what is wrong, and after a rule and for each flag what it is for.
-        prog: how the command is called.
-        flags: of the command.
-        arguments: what was given.
-    """
+    """What tyro draws as a box of many lines, in one; with the flag or the choice that was probably meant."""
     # Where the terminal has no such characters, rules are of hyphens, and one stands under the title.
     rows = [row.strip("│╭╰╮╯ ").strip() for row in box.splitlines()][1:]
     rows = rows[1:] if rows and not rows[0].strip("-") else rows

@@ -161,24 +161,13 @@ def place_for(wanted: Path, settings: Mapping[str, Any], fresh: bool = False, fo
 
 
 def new_file(file: Path, force: bool = False) -> None:
-    """See that a file that was named for a result is not there yet.
-
-    Args:
-        force: it may be there.
-
-    Raises:
-        InputError: it is there, and is not to be replaced.
-    """
+    """Refuse a file that was named for a result and is there already, unless `force`."""
     if file.exists() and not force:
         raise InputError(f"{file} exists; --force replaces it")
 
 
 def prepare(folder: Path) -> None:
-    """Make a folder and see that files can be written in it.
-
-    Raises:
-        InputError: it cannot be made or written to.
-    """
+    """Make a folder and see that files can be written in it. Raises `InputError`: it cannot be made or written to."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         try_writing(folder)

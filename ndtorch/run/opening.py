@@ -93,11 +93,7 @@ class Prepared:
 
 
 def prepare(job: BindJob) -> Prepared:
-    """Open the source and build the model.
-
-    Raises:
-        InputError: in one line, whatever is wrong.
-    """
+    """Open the source and build the model. Raises `InputError`: in one line, whatever is wrong."""
     check_numbers(job)
     device = check_device(job.device)
     about = {} if job.resume is None else described(job.resume)
@@ -275,11 +271,7 @@ def check_device(name: str) -> torch.device:
 
 
 def described(folder: Path) -> dict[str, Any]:
-    """The description of an earlier run.
-
-    Raises:
-        InputError: no state there, or one that another program wrote.
-    """
+    """The description of an earlier run. Raises `InputError`: no state there, or one that another program wrote."""
     wrong = f"{folder}/{STATE} was not written by this version of ndtorch bind"
     try:
         about = json.loads(read_about(folder / STATE)["run"])

@@ -93,15 +93,7 @@ def default_model(source: str) -> str:
 
 
 def check_options(job: BindJob, kind: str) -> None:
-    """Every given option is one that the model knows.
-
-    Args:
-        job: what was asked for.
-        kind: the model's, as in its config.toml.
-
-    Raises:
-        InputError: naming the models that know the option.
-    """
+    """Every given option is one that the model knows."""
     if job.rule == MOVED_RULE:
         raise InputError("--rule scale-free is a model of its own now: --model scale-free")
     for name in given(job, tuple(KNOWN_BY)):
@@ -118,13 +110,7 @@ def check_numbers(job: BindJob) -> None:
 
 
 def check_resume(job: BindJob, source: str, asked: str | None, model: str) -> None:
-    """What was given besides --resume does not change the run.
-
-    Args:
-        job: what was asked for.
-        source, model: those of the run that goes on.
-        asked: the model that was asked for, or None.
-    """
+    """What was given besides --resume does not change the run."""
     for name in given(job, FIXED_BY_RESUME):
         raise InputError(f"{flag(name)} cannot change when a run is resumed; leave it out")
     if asked not in (None, model):

@@ -24,13 +24,7 @@ def tell_if_long(frames: float | None) -> None:
 
 
 def progress_bar(total: float | None, quiet: bool = False, **options: Any) -> tqdm[Any]:
-    """A bar on stderr. Where stderr is no terminal there is none: in a log every step of it would be a line.
-
-    Args:
-        total: how much there is to do, None where nobody knows.
-        quiet: no bar, as with `--json`.
-        options: more of tqdm's.
-    """
+    """A bar on stderr. Where stderr is no terminal there is none: in a log every step of it would be a line."""
     from tqdm import tqdm
 
     # `--quiet` is a level of the log.

@@ -55,14 +55,7 @@ def check_scheme(address: str) -> None:
 
 
 def redirected(address: str, follow_redirects: bool) -> str:
-    """Where the server of an address redirects to in the end, within its own host; else the address itself.
-
-    Args:
-        follow_redirects: to other hosts too.
-
-    Raises:
-        InputError: a redirect to another host, or too many.
-    """
+    """Where the server of an address redirects to in the end, within its own host; else the address itself."""
     for _ in range(REDIRECTS):
         to = redirect_of(address)
         if to is None:

@@ -35,12 +35,7 @@ class LiveReader(Reader):
     what: str
 
     def begin(self, declared: float, stamped: bool) -> None:
-        """Take the first frames, which show the rate.
-
-        Args:
-            declared: frames a second, 0 where the source does not say.
-            stamped: whether frames carry time stamps.
-        """
+        """Take the first frames, which show the rate."""
         self._first, began = list[Frame](), time.monotonic()
         self._frames = self.arriving()
         for frame in self._frames:

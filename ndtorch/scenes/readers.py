@@ -75,11 +75,7 @@ def _decodes(head: bytes) -> bool:
 
 
 def claimed_size(path: Path) -> tuple[int, int]:
-    """Height and width of an image as its header has them; nothing is decoded.
-
-    Raises:
-        InputError: no image, or one so large that not even its header is believed.
-    """
+    """Height and width of an image as its header has them; nothing is decoded."""
     from PIL import Image as Headers
 
     try:
@@ -96,11 +92,7 @@ def claimed_size(path: Path) -> tuple[int, int]:
 
 
 def limit(name: str) -> int:
-    """One of `LIMITS`, as the environment has it now.
-
-    Raises:
-        InputError: it is no number, or out of range.
-    """
+    """One of `LIMITS`, as the environment has it now. Raises `InputError`: it is no number, or out of range."""
     usual, most = LIMITS[name]
     given = os.environ.get(name, "")
     if not given:
@@ -171,11 +163,7 @@ class Reader(ABC):
 
 
 def open_address(address: str, follow_redirects: bool = False) -> Any:
-    """An open `cv2.VideoCapture` of an address, or None.
-
-    Raises:
-        InputError: a scheme that is not opened, or a redirect to another host that is not allowed.
-    """
+    """An open `cv2.VideoCapture` of an address, or None."""
     check_scheme(address)
     capture = open_capture(address)
     if capture is None and (to := redirected(address, follow_redirects)) != address:

@@ -142,11 +142,7 @@ def check_file(path: Path) -> None:
 
 
 def open_container(path: Path) -> tuple[Any, Any]:
-    """An open file and its video stream.
-
-    Raises:
-        InputError: with the library's words, where it cannot be opened or holds no video.
-    """
+    """An open file and its video stream."""
     import av
 
     # A name with a colon, as 12:30.mp4, is an address to FFmpeg unless it is told that it is a file.

@@ -20,22 +20,14 @@ SWITCH = "NDTORCH_KERNELS"
 
 
 def check_backend(backend: str) -> Backend:
-    """The backend of this name.
-
-    Raises:
-        InputError: there is none.
-    """
+    """The backend of this name. Raises `InputError`: there is none."""
     if backend not in get_args(Backend):
         raise InputError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
     return backend  # type: ignore[return-value]
 
 
 def set_backend(module: nn.Module, backend: str) -> None:
-    """Set the backend of a module and of everything in it that has a choice.
-
-    Raises:
-        InputError: there is no such backend, or the module has kernels only.
-    """
+    """Set the backend of a module and of everything in it that has a choice."""
     chosen = check_backend(backend)
     if chosen == "torch" and getattr(module, "kernels_only", False):
         raise InputError(f"{getattr(module, 'name', 'this module')} has compiled kernels only; leave backend out")
@@ -45,11 +37,8 @@ def set_backend(module: nn.Module, backend: str) -> None:
 
 
 def kernels_wanted(*tensors: Tensor, backend: Backend = "auto") -> bool:
-    """Whether kernels are to be used for these tensors: on the CPU, without gradients, and holding numbers
-    (see `has_values`).
-
-    Raises:
-        InputError: the backend is `numba`, and kernels cannot be used for them.
+    """Whether kernels are to be used for these tensors: on the CPU, without gradients, and holding numbers (see
+    `has_values`).
     """
     if backend == "torch" or torch.compiler.is_compiling():
         return False

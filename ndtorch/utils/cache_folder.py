@@ -25,11 +25,7 @@ class UnusableFolder(Exception):
 
 
 def cache_folder() -> Path:
-    """Where compiled code is kept: `ndtorch` in `$XDG_CACHE_HOME` or `~/.cache`.
-
-    Raises:
-        UnusableFolder: there is no home.
-    """
+    """Where compiled code is kept: `ndtorch` in `$XDG_CACHE_HOME` or `~/.cache`."""
     given = os.environ.get("XDG_CACHE_HOME")
     try:
         return Path(given or Path.home() / ".cache") / "ndtorch"
@@ -38,11 +34,7 @@ def cache_folder() -> Path:
 
 
 def private_folder(folder: Path) -> Path:
-    """Make a folder that only its owner can enter, or make one so.
-
-    Raises:
-        UnusableFolder: it cannot be made, belongs to somebody else, or cannot be written.
-    """
+    """Make a folder that only its owner can enter, or make one so."""
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         found = folder.stat()

@@ -39,11 +39,8 @@ LEFT_OVER = 3600.0
 def replacing(path: str | Path) -> Iterator[Path]:
     """A name beside a file to write to; what is written there takes the file's place when the block ends.
 
-    Until then the old file stays, and it stays when the block raises. Two writers do not touch each other: the one
-    that ends last is kept whole.
-
-    Raises:
-        OSError: the file cannot be written, forced onto the disk, or moved.
+    Until then the old file stays, and it stays when the block raises. Two writers do not touch each other: the one that
+    ends last is kept whole.
     """
     path = Path(path)
     drop_leftovers(path)
@@ -64,11 +61,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a text file in UTF-8, whole or not at all.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a text file in UTF-8, whole or not at all. Raises `OSError`: it cannot be written."""
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8")
 
@@ -153,12 +146,9 @@ PATIENCE = 10.0
 
 
 def hold(file: IO[str], tell: Callable[[], None], patience: float = PATIENCE) -> None:
-    """Wait until no other process holds the file, and hold it until it is closed, or this process is gone.
+    """Wait until no other process holds the file, and hold it until it is closed; `tell` is called after `patience` s.
 
     A process that dies lets go; one that was stopped does not, so that somebody may wait for ever.
-
-    Args:
-        tell: called once where another has held it for `patience` seconds.
     """
     ends = time.monotonic() + patience
     while time.monotonic() < ends:
@@ -212,9 +202,6 @@ def save_tensors(flat: Mapping[str, Tensor], path: str | Path, about: Mapping[st
     """Write tensors by name as safetensors, with strings and a checksum over both.
 
     A file that was there stays until the new one is whole.
-
-    Raises:
-        OSError: it cannot be written.
     """
     from safetensors import SafetensorError
     from safetensors.torch import save_file
@@ -263,22 +250,14 @@ def read_tensors(path: str | Path, what: str) -> tuple[dict[str, Tensor], dict[s
 
 
 def save_arrays(path: str | Path, arrays: Arrays) -> None:
-    """Write NumPy arrays by name as a compressed `.npz` that `numpy.load` reads too, with a checksum beside them.
-
-    Raises:
-        OSError: it cannot be written; a file that was there stays.
-    """
+    """Write NumPy arrays by name as a compressed `.npz` that `numpy.load` reads too, with a checksum beside them."""
     named: dict[str, Any] = {**arrays, CHECKSUM: np.array(digest_of(arrays))}
     with replacing(path) as beside, beside.open("wb") as out:  # a name would be given another ending
         np.savez_compressed(out, **named)
 
 
 def load_arrays(path: str | Path) -> dict[str, npt.NDArray[Any]]:
-    """What `save_arrays` wrote.
-
-    Raises:
-        InputError: missing file, no `.npz` file, without a checksum, damaged, or larger than is allowed.
-    """
+    """What `save_arrays` wrote."""
     try:
         with open_regular(path, ARRAY_BYTES) as opened:
             check_declared(path, opened)

@@ -34,18 +34,7 @@ NAMES = {
 
 
 def need(module: str, what: str) -> Any:
-    """Import a module that is not always installed.
-
-    Args:
-        module: its name, such as `"mujoco"`.
-        what: what needs it, for the message: `"the simulator"`.
-
-    Returns:
-        The module.
-
-    Raises:
-        InputError: it is not installed, with the words that install it.
-    """
+    """Import a module that not everybody has; `InputError` says `what` needs it and how to install it."""
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
@@ -88,15 +77,7 @@ def dependencies(distribution: str) -> Iterator[tuple[str, str, str]]:
 
 
 def folder_of(package: str, name: str) -> Path:
-    """A folder of files that comes with a package.
-
-    Args:
-        package: such as `"ndtorch_robot"`.
-        name: of the folder, such as `"configs"`.
-
-    Raises:
-        LookupError: the package, or the folder, is not there.
-    """
+    """A folder of files that comes with a package."""
     spec = find_spec(package)
     for root in (spec.submodule_search_locations or ()) if spec is not None else ():
         for place in (Path(root, name), Path(root).parent / name):
@@ -106,15 +87,7 @@ def folder_of(package: str, name: str) -> Path:
 
 
 def toml_file(given: Path, package: str, name: str) -> Path:
-    """A TOML file that a user names: a path, or the bare name of one that comes with a package.
-
-    Args:
-        given: what the user wrote.
-        package, name: as for `folder_of`.
-
-    Raises:
-        InputError: a bare name that none of them has.
-    """
+    """A TOML file that a user names: a path, or the bare name of one that comes with a package."""
     if given.suffix or len(given.parts) != 1 or given.exists():
         return given
     known = {path.stem: path for path in sorted(folder_of(package, name).glob("*.toml"))}
@@ -135,15 +108,7 @@ MODELS = "models"
 
 @cache
 def code_digest(uses: tuple[str, ...], packages: tuple[str, ...] = ("torch",)) -> str:
-    """Hash of the source of modules, wherever they are installed, and of the versions of other packages.
-
-    Args:
-        uses: modules and whole packages by their dotted names, such as `"ndtorch.vision"`, or `MODELS`.
-        packages: distributions of which the version counts.
-
-    Raises:
-        LookupError: there is no such module, or no such distribution.
-    """
+    """Hash of the source of modules, wherever they are installed, and of the versions of other packages."""
     found = hashlib.sha256()
     for package in packages:
         found.update(f"{package} {version(package)}\n".encode())
@@ -154,11 +119,7 @@ def code_digest(uses: tuple[str, ...], packages: tuple[str, ...] = ("torch",)) -
 
 
 def files_of(use: str) -> list[tuple[str, Path]]:
-    """Every file of a module or package, with a name that is the same on every machine, in order of the names.
-
-    Raises:
-        LookupError: there is no such module.
-    """
+    """Every file of a module or package, with a name that is the same on every machine, in order of the names."""
     places = [folder_of("ndtorch", "models")] if use == MODELS else module_places(use)
     found = sorted(
         (f"{use}/{path.relative_to(place).as_posix()}", path)

@@ -135,15 +135,7 @@ def complain(
     chosen: Callable[[object], bool] = is_argument,
     error: Exception | None = None,
 ) -> None:
-    """Raise `InputError` for the first argument that is not as annotated; nothing where all are.
-
-    Args:
-        call: the function.
-        args: what it was given by place.
-        given: what it was given by name.
-        chosen: which values are looked at.
-        error: what came of it.
-    """
+    """Raise `InputError` for the first argument that is not as annotated; nothing where all are."""
     signature, hints = annotations_of(call)
     try:
         bound = signature.bind(*args, **given)

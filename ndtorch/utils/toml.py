@@ -71,11 +71,7 @@ DOTS = 32
 
 
 def toml_values(path: Path) -> dict[str, Any]:
-    """What a file holds, unchecked.
-
-    Raises:
-        InputError: a file that cannot be read or is no TOML; the message names the file.
-    """
+    """What a file holds, unchecked."""
     try:
         text = read_text(path)
         if any(part.count(".") > DOTS for part in re.split(r"[\n,=\[\]{}]", text)):
@@ -96,12 +92,7 @@ def toml_values(path: Path) -> dict[str, Any]:
 
 
 def read_toml(path: Path, table: type[Table]) -> Table:
-    """Read a file.
-
-    Raises:
-        InputError: as `toml_values`; unknown keys or unusable values: the message names the file, the key and what
-            is allowed.
-    """
+    """Read a file."""
     return check(toml_values(path), table, str(path))
 
 

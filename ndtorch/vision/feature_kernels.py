@@ -18,11 +18,7 @@ KINDS = (torch.uint8, torch.float32, torch.float64)
 
 
 def one_pass_fits(frames: Tensor, state: MotionState | None, backend: Backend, *learned: Tensor) -> bool:
-    """Whether frames `[T, 3, H, W]` and the state after the frame before them can go to the kernels.
-
-    Args:
-        learned: parameters of the features, whose gradients kernels do not have.
-    """
+    """Whether frames `[T, 3, H, W]` and the state after the frame before them can go to the kernels."""
     if frames.ndim != 4 or frames.dtype not in KINDS:
         return False
     if not kernels_wanted(frames, *(state or ()), *learned, backend=backend):

@@ -94,11 +94,7 @@ class SmoothingFactor:
 
 
 def keep_time(module: nn.Module, **seconds: Seconds) -> None:
-    """Set time constants and `dt` as attributes of a module: parameters stay parameters, other tensors are buffers.
-
-    Raises:
-        InputError: one of them is out of range.
-    """
+    """Set time constants and `dt` as attributes of a module: parameters stay parameters, other tensors are buffers."""
     for name, value in seconds.items():
         if isinstance(value, Tensor) and not isinstance(value, nn.Parameter):
             module.register_buffer(name, value)

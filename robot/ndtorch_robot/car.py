@@ -69,11 +69,7 @@ class Car:
         self.loop = Loop(runner.rate, safe.clock, max_steps)
 
     def run(self, seconds: float | None = None, warm_up: bool = True) -> int:
-        """Step until `ended` is set, the time is over, or the steps are used up; returns the number of steps.
-
-        Args:
-            warm_up: compile or load the kernels of navigator and camera monitor first.
-        """
+        """Step until `ended` is set, the time is over, or the steps are used up; the number of steps."""
         if warm_up:
             self.runner.warm_up()
             if self.safe.frame_check is not None:

@@ -69,11 +69,7 @@ class DriveConfig(NavigatorTable):
 
 
 def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:
-    """The file's values, overridden by those choices that are not None.
-
-    Raises:
-        InputError: an unknown key, with the nearest known one, or a value that cannot be used.
-    """
+    """The file's values, overridden by those choices that are not None."""
     values: dict[str, object] = {}
     if file is not None:
         values = toml_values(file)

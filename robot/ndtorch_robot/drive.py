@@ -83,15 +83,9 @@ def drive(
     steer: Callable[[DriveCommand], DriveCommand] | None = None,
     runner: NavigatorRunner | None = None,
 ) -> Result:
-    """Drive through a simulated building.
+    """Drive through a simulated building; `observers` are told every step, `steer` changes what the controller wants.
 
-    Args:
-        observers: told every step, after all others.
-        steer: changes what the controller wants before it is sent: to compare with a blind or a wrong one.
-        runner: in place of the one that `drive_runner` makes.
-
-    Raises:
-        InputError: an arena or a machine that cannot be used; cameras that fail, after the car was stopped.
+    Cameras that fail end it with `InputError`, after the car was stopped.
     """
     plan = load_arena(config.arena, config.seed)
     for remark in plan.remarks:

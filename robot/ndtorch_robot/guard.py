@@ -70,11 +70,7 @@ class Guard:
         self.free, self.stopped, self.steps = 0.0, False, 0
 
     def __call__(self, wanted: DriveCommand) -> DriveCommand:
-        """The command to send.
-
-        Args:
-            wanted: of the `ranging` controller; it counts while the floor is learned.
-        """
+        """The command to send; `wanted`, of the `ranging` controller, counts while the floor is learned."""
         wish, state = self.wish(), self.runner.state
         if state is None:
             return STAND

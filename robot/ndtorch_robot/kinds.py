@@ -46,11 +46,7 @@ class Kinds(Generic[Opening, Opened]):
     def register(
         self, name: str, settings: type[Settings]
     ) -> Callable[[Callable[[Settings, Opening], Opened]], Callable[[Settings, Opening], Opened]]:
-        """Decorator: this function opens parts of that kind.
-
-        Raises:
-            InputError: a name that is taken.
-        """
+        """Decorator: this function opens parts of that kind. Raises `InputError`: a name that is taken."""
 
         def add(open_: Callable[[Settings, Opening], Opened]) -> Callable[[Settings, Opening], Opened]:
             if name in self.known:

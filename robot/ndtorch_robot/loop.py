@@ -88,11 +88,8 @@ class Loop:
     def run(self, step: Callable[[int, float], bool | None], drive: SafeDrive) -> int:
         """Call `step(n, time)` until it returns False or the steps are used up; returns how many were made.
 
-        The drive is stopped at the end, and also when the step raises or the user presses Ctrl-C: both go on
-        to the caller after that.
-
-        Raises:
-            TypeError: a drive without the safety layer around it.
+        The drive is stopped at the end, and also when the step raises or the user presses Ctrl-C: both go on to the
+        caller after that.
         """
         if not isinstance(drive, SafeDrive):
             raise TypeError(f"the loop drives only through a SafeDrive, got {type(drive).__name__}")

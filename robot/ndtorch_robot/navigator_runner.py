@@ -132,11 +132,7 @@ class NavigatorRunner:
         return before.located if placed is None else self.navigator.localiser.reset_pose(before.located, state.pose)
 
     def map_cells(self) -> torch.Tensor:
-        """The map as far as is known now, `[rows, columns]`, its largest cell 1.
-
-        Raises:
-            InputError: this runner makes no map.
-        """
+        """The map as far as is known now, `[rows, columns]`, its largest cell 1."""
         if self.navigator.grid_map is None:
             raise InputError("this runner makes no map: give it a grid")
         return map_cells(self.navigator.grid_map, self.state)

@@ -136,10 +136,6 @@ class RobotTable(Strict):
         return self.limits.limits(self.body.body())
 
     def simulated_limits(self, speed: float | None = None) -> SafetyLimits:
-        """Without those of how fast speed and steering may change: the simulated robot has limits of its own for that.
-
-        Args:
-            speed: in place of that of the table, m/s.
-        """
+        """Without limits of how fast speed and steering may change: the simulated robot has its own."""
         limits, late = self.safety_limits(), max(0.1, 1.5 / self.rate_hz)
         return SafetyLimits(limits.speed if speed is None else speed, limits.curvature, silence=late, age=late)

@@ -151,11 +151,7 @@ def transform(parent: str, child: str, pose: Pose, time: float) -> Any:
 
 
 def occupancy_grid(cells: torch.Tensor, grid: Grid, time: float, path: Sequence[tuple[float, float]] = ()) -> Any:
-    """`nav_msgs/OccupancyGrid` of a map `[rows, columns]`, by the rule of `map.pgm`: 100, 0 along the path, or -1.
-
-    Args:
-        path: places, m, where the body was.
-    """
+    """`nav_msgs/OccupancyGrid` of a map `[rows, columns]`, by the rule of `map.pgm`: 100, 0 along the path, or -1."""
     pixels = ros_pixels(cells, grid, np.array(path, np.float64).reshape(-1, 2))
     values = np.where(pixels == OCCUPIED, 100, np.where(pixels == FREE, 0, -1)).astype(np.int8)
     at, origin = header(time, MAP), ros_pose(Pose(grid.left, grid.bottom, 0.0))
@@ -197,11 +193,7 @@ ENCODINGS = {
 
 
 def image_pixels(message: Any) -> torch.Tensor:
-    """Pixels `[1, C, H, W]` uint8, C = 3 (RGB) or 1, of a `sensor_msgs/Image`.
-
-    Raises:
-        InputError: an encoding that is not read, or fewer bytes than it says.
-    """
+    """Pixels `[1, C, H, W]` uint8, C = 3 (RGB) or 1, of a `sensor_msgs/Image`."""
     order = ENCODINGS.get(message.encoding)
     if order is None:
         raise InputError(f"images of encoding {message.encoding!r} are not read; {', '.join(ENCODINGS)} are")

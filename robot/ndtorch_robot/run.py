@@ -30,15 +30,7 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def open_car(config: RunConfig, report: Report, go: bool = False, observers: Iterable[Observer] = ()) -> Iterator[Car]:
-    """All parts of a car, opened and afterwards closed again, the drive first.
-
-    Args:
-        report: told of everything that happens.
-        go: drive as soon as there are good frames; else stand until told to resume.
-
-    Raises:
-        InputError: a port, a board or cameras that cannot be used.
-    """
+    """All parts of a car, opened and afterwards closed again, the drive first."""
     with contextlib.ExitStack() as stack:
         simulation = make_simulation(config)
         if simulation is not None:
@@ -66,11 +58,7 @@ def make_car(
     observers: Iterable[Observer] = (),
     near_check: bool = True,
 ) -> Car:
-    """A car of these parts, with the navigator and the safety layer of a configuration.
-
-    Args:
-        near_check: not for images in which there is no floor.
-    """
+    """A car of these parts, with the navigator and the safety layer of a configuration."""
     limits, half, body = config.safety_limits(), config.navigation.map_half_size_m, config.body.body()
     grid = Grid(-half, half, -half, half) if half else None
     options = within_limits(config.navigation.options(), limits, body)
@@ -95,11 +83,7 @@ def within_limits(options: NavigatorOptions, limits: SafetyLimits, body: Body) -
 
 
 def make_simulation(config: RunConfig) -> Simulation | None:
-    """The simulated world of a configuration, if there is one.
-
-    Raises:
-        InputError: an arena that cannot be used; no OpenGL.
-    """
+    """The simulated world of a configuration, if there is one."""
     if config.simulation is None:
         return None
     from ndtorch_robot.sim.arenas import load_arena
@@ -119,11 +103,7 @@ def make_simulation(config: RunConfig) -> Simulation | None:
 
 
 def make_real_cameras(config: RunConfig) -> tuple[CameraPair, StereoRig, Clock]:
-    """Two cameras by their settings, their geometry, and the clock that the loop keeps with them.
-
-    Raises:
-        InputError: cameras that cannot be used.
-    """
+    """Two cameras by their settings, their geometry, and the clock that the loop keeps with them."""
     from ndtorch_robot.cameras import CameraSettings, open_cameras
 
     settings = check(dict(config.cameras or {}), CameraSettings, "cameras")

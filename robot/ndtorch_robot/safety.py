@@ -142,11 +142,7 @@ class SafeDrive:
             return was
 
     def send(self, command: DriveCommand) -> DriveCommand:
-        """Ask for a speed and a curvature; returns what was really sent.
-
-        Raises:
-            InputError: a command that is not a finite number; the car was stopped.
-        """
+        """Ask for a speed and a curvature; returns what was sent. What is not finite stops the car: `InputError`."""
         now = self.clock.now()
         command = unrounded(command, self.limits)
         with self.lock:

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import termios
 import time
-from functools import partial
+from contextlib import contextmanager
 
 import pytest
 
@@ -62,13 +62,11 @@ def test_cameras(garage, fault, words, goes_on):
         ("unplug", ["serial port is gone"], "plug"),
         ("up silence", ["board has stopped", "no "], "up clean"),
         ("up garbage", ["board has stopped"], "up clean"),
-        ("up truncate", ["board has stopped"], "up clean"),
         ("up duplicate", ["board has stopped", "refused"], "up clean"),
         # Too many refused frames, or no heartbeat, when each comes after the command behind it and is refused.
         ("up reorder", ["board has stopped"], "up clean"),
         ("up version", ["board has stopped", "another protocol version"], "up clean"),
         ("down garbage", ["link: "], "down clean"),
-        ("down truncate", ["link: "], "down clean"),
         ("down duplicate", ["many frames from the board are refused"], "down clean"),
         ("down silence", ["lost: no valid telemetry"], "down clean"),
         ("down version", ["board speaks version 2", "flash"], "down clean"),
@@ -166,26 +164,34 @@ def stood_after(log, fault):
     return max([when for when, moving in times if moving and when > fault], default=fault) - fault
 
 
-def test_keys_in_a_terminal(tmp_path):
-    """The whole command in a terminal: it stands until g is pressed, any key stops the wheels, Ctrl-C ends."""
-    log, config, errors = (tmp_path / name for name in ("pulses", "car.toml", "errors"))
+@contextmanager
+def program(folder, *options, **given):
+    """`ndtorch run` on the simulated board: the process, its log of pulses, and what it says."""
+    log, config, errors = (folder / name for name in ("pulses", "car.toml", "errors"))
     config.write_text(CONFIG.format(log=log))
-    master, slave = pty.openpty()
+    command = [sys.executable, "-m", "tests.robot.support.avr_board", "run", str(config), "--json", *options]
     with errors.open("w") as file:
-        run = subprocess.Popen(
-            [sys.executable, "-m", "tests.robot.support.avr_board", "run", str(config), "--json"],
-            stdin=slave,
-            stdout=subprocess.DEVNULL,
-            stderr=file,
-            start_new_session=True,
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-        )
-    os.close(slave)
-
-    def press(key=b"g"):
-        os.write(master, key)
-
+        run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=file, **given)
     try:
+        yield run, log, errors
+    finally:
+        if run.poll() is None:
+            os.kill(run.pid, signal.SIGKILL)
+            run.wait()
+        OTHERS.extend(late(log))
+
+
+def test_keys_in_a_terminal_and_sigterm(tmp_path):
+    """The whole command in a terminal: it stands until g is pressed, any key stops the wheels, SIGTERM ends."""
+    master, slave = pty.openpty()
+    own = {"stdin": slave, "start_new_session": True, "preexec_fn": lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0)}
+    took = {}
+    with program(tmp_path, **own) as (run, log, errors):
+        os.close(slave)
+
+        def press(key=b"g"):
+            os.write(master, key)
+
         end = time.monotonic() + 60.0
         while "any key: emergency stop" not in errors.read_text():
             assert time.monotonic() < end, errors.read_text()
@@ -197,65 +203,43 @@ def test_keys_in_a_terminal(tmp_path):
         pressed = time.monotonic()
         press(b" ")
         time.sleep(0.7)
-        took = stood_after(log, pressed)
+        took["key"] = stood_after(log, pressed)
         assert said(errors.read_text().splitlines(), "emergency stop: key ' '")
         press()
         wait_to_drive(press, log, errors, 180)
-        press(b"\x03")
+        ended = time.monotonic()
+        run.send_signal(signal.SIGTERM)
         assert run.wait(10) == 0
-        assert said(errors.read_text().splitlines(), "emergency stop: SIGINT")
-    finally:
-        if run.poll() is None:
-            os.kill(run.pid, signal.SIGKILL)
-            run.wait()
-        os.close(master)
-        OTHERS.extend(late(log))
-    print(f"stood {1e3 * took:.0f} ms after the key")
-    assert took <= LIMIT
+        took["SIGTERM"] = max((when - ended for when, moves in pulses(log) if moves and when > ended), default=0.0)
+        assert said(errors.read_text().splitlines(), "emergency stop: SIGTERM")
+    os.close(master)
+    print({name: f"{1e3 * seconds:.0f} ms" for name, seconds in took.items()})
+    assert max(took.values()) <= LIMIT, took
 
 
-def test_paused_killed_and_told_to_end(tmp_path):
-    """SIGSTOP, SIGCONT and resuming, SIGKILL; and another one ended by SIGTERM."""
+def test_paused_and_killed(tmp_path):
+    """SIGSTOP, SIGCONT and resuming, SIGKILL."""
     took = {}
-    for ending in (signal.SIGKILL, signal.SIGTERM):
-        log, config, errors = (tmp_path / name for name in ("pulses", "car.toml", "errors"))
-        config.write_text(CONFIG.format(log=log))
-        log.unlink(missing_ok=True)
-        with errors.open("w") as file:
-            run = subprocess.Popen(
-                [sys.executable, "-m", "tests.robot.support.avr_board", "run", str(config), "--go", "--json"],
-                stdout=subprocess.DEVNULL,
-                stderr=file,
-            )
-        try:
-            go = partial(run.send_signal, signal.SIGUSR1)
-            wait_to_drive(go, log, errors, 180)
-            if ending == signal.SIGKILL:
-                fault = time.monotonic()
-                run.send_signal(signal.SIGSTOP)
-                time.sleep(0.7)
-                took["SIGSTOP"] = stood_after(log, fault)
-                run.send_signal(signal.SIGCONT)
-                time.sleep(0.7)
-                assert not any(moving for when, moving in pulses(log) if when > fault + 0.4)
-                assert said(errors.read_text().splitlines(), "stopped:")
-                go()
-                wait_to_drive(go, log, errors, 60)
-            fault = time.monotonic()
-            run.send_signal(ending)
-            code = run.wait(10)
-            assert code == (-signal.SIGKILL if ending == signal.SIGKILL else 0)
-            time.sleep(0.7)
-            if ending == signal.SIGKILL:
-                took["SIGKILL"] = stood_after(log, fault)
-            else:
-                moving = [when - fault for when, moves in pulses(log) if moves and when > fault]
-                took["SIGTERM"] = max(moving, default=0.0)
-                assert said(errors.read_text().splitlines(), "emergency stop: SIGTERM")
-        finally:
-            if run.poll() is None:
-                os.kill(run.pid, signal.SIGKILL)
-                run.wait()
-            OTHERS.extend(late(log))
+    with program(tmp_path, "--go") as (run, log, errors):
+
+        def go():
+            run.send_signal(signal.SIGUSR1)
+
+        wait_to_drive(go, log, errors, 180)
+        fault = time.monotonic()
+        run.send_signal(signal.SIGSTOP)
+        time.sleep(0.7)
+        took["SIGSTOP"] = stood_after(log, fault)
+        run.send_signal(signal.SIGCONT)
+        time.sleep(0.7)
+        assert not any(moving for when, moving in pulses(log) if when > fault + 0.4)
+        assert said(errors.read_text().splitlines(), "stopped:")
+        go()
+        wait_to_drive(go, log, errors, 60)
+        fault = time.monotonic()
+        run.send_signal(signal.SIGKILL)
+        assert run.wait(10) == -signal.SIGKILL
+        time.sleep(0.7)
+        took["SIGKILL"] = stood_after(log, fault)
     print({name: f"{1e3 * seconds:.0f} ms" for name, seconds in took.items()})
     assert max(took.values()) <= LIMIT, took

@@ -23,9 +23,8 @@ from ndtorch_robot.link.messages import (
 )
 from ndtorch_robot.link.receiver import Parser
 from ndtorch_robot.ports import DriveCommand
-from ndtorch_robot.run import real_time_priority
 from tests.robot.support.avr_board import AvrBoard
-from tests.robot.support.bench import bench, ordinary_priority
+from tests.robot.support.bench import bench
 from tests.robot.support.board_needed import FIRMWARE, needs_board
 
 
@@ -263,21 +262,6 @@ def test_a_main_loop_that_hangs_shortens_no_pulse(line):
     assert widths[-1] == pytest.approx(1500, abs=15)
 
 
-@pytest.mark.realtime
-@needs_board
-def test_bring_up(capsys, tmp_path):
-    config = tmp_path / "car.toml"
-    config.write_text('robot = "maxston8"\nlink.kind = "avr-board"\n[simulation]\n')
-    real_time_priority(print)
-    try:
-        assert main(["check", str(config), "--yes"]) == 0, capsys.readouterr()
-    finally:
-        ordinary_priority()
-    said = capsys.readouterr().out
-    assert "the board reports that it is stopped" in said
-    assert "all well" in said
-
-
 @needs_board
 def test_another_robots_configuration(capsys, tmp_path):
     config = tmp_path / "car.toml"
@@ -290,15 +274,15 @@ def test_another_robots_configuration(capsys, tmp_path):
 @pytest.mark.realtime
 @needs_board
 def test_closes_the_loop_without_hardware():
-    """Twenty seconds in the curve; times are asserted only where the computer could keep them."""
+    """Eight seconds in the curve."""
     with bench() as car:
-        for _ in range(200):
-            if car.car.loop.steps > 600:
+        for _ in range(80):
+            if car.car.loop.steps > 240:
                 break
             time.sleep(0.1)
         summary, cameras = car.car.summary(), car.cameras.inner
-        assert summary["steps"] > 500
-        assert cameras.distance > 5.0
+        assert summary["steps"] > 200
+        assert cameras.distance > 2.0
         assert cameras.simulation.collisions == []
         print(summary["round_trip_ms"], summary["jitter_ms"], summary["parts_ms"])
         assert summary["jitter_ms"]["p50"] < 5.0

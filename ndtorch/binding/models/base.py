@@ -44,11 +44,7 @@ class Signals(Protocol):
 
 
 def states_of(state: object, films: int) -> Sequence[Any]:
-    """The state of each film of a batch whose films go through one after the other.
-
-    Raises:
-        InputError: these are not as many.
-    """
+    """The state of each film of a batch whose films go through one after the other."""
     if state is None:
         return [None] * films
     if not isinstance(state, tuple | list) or hasattr(state, "_fields") or len(state) != films:

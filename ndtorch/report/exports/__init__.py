@@ -30,13 +30,7 @@ def formats() -> dict[str, Any]:
 
 
 def write_exports(result: RunResult, folder: Path, tracks: SourceTracks | None = None) -> None:
-    """Write the file of every format, of models whose objects have boxes.
-
-    Args:
-        result: of a run.
-        folder: where to write.
-        tracks: those of `source_tracks(result)`, where they are there already.
-    """
+    """Write the file of every format, of models whose objects have boxes."""
     if not result.has_boxes:
         return
     tracks = source_tracks(result) if tracks is None else tracks

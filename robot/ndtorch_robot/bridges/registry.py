@@ -150,11 +150,7 @@ class BridgeThread:
 
 @contextlib.contextmanager
 def open_bridges(tables: Mapping[str, Mapping[str, Any]], opening: Opening) -> Iterator[list[BridgeThread]]:
-    """The bridges of the `[bridges]` tables, each an observer of the loop, closed afterwards.
-
-    Raises:
-        InputError: an unknown kind, key or value, or a bridge that cannot be opened.
-    """
+    """The bridges of the `[bridges]` tables, each an observer of the loop, closed afterwards."""
     with contextlib.ExitStack() as stack:
         threads = []
         for name, values in tables.items():

@@ -132,11 +132,7 @@ class Node:
             raise InputError(f"Cyclone DDS does not start in domain {domain_id}: {error.msg}") from None
 
     def publisher(self, topic: str, kind: str, latched: bool = False) -> Callable[[Any], None]:
-        """What publishes messages of a type, reliably.
-
-        Args:
-            latched: who subscribes later gets the last one, too.
-        """
+        """What publishes messages of a type, reliably; `latched`: who subscribes later gets the last one, too."""
         from cyclonedds.core import Policy, Qos
         from cyclonedds.pub import DataWriter
         from cyclonedds.topic import Topic

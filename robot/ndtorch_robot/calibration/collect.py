@@ -71,11 +71,7 @@ def save(folder: Path, number: int, left: Image, right: Image) -> None:
 
 
 def from_files(pairs: list[tuple[Path, Path]], board: Board, seen: SEEN) -> tuple[list[View], tuple[int, int]]:
-    """Views of images in files, and their size (width, height).
-
-    Raises:
-        InputError: images that cannot be read, or are not all of one size.
-    """
+    """Views of images in files, and their size (width, height)."""
     import cv2
 
     views: list[View] = []

@@ -152,11 +152,7 @@ class CameraMonitor:
                 self.moving_views.append(View(self.driven, self.turned, images))
 
     def check_mounting(self, frames: StereoFrames) -> None:
-        """Check only whether both cameras show something and are mounted correctly, however the car is moved.
-
-        Raises:
-            CameraError: what is wrong.
-        """
+        """Check only whether both cameras show something and are mounted correctly, however the car is moved."""
         images = measure(self.strips(frames.left, 0)), measure(self.strips(frames.right, 1))
         self.check_shown(images)
         wrong = self.mounting.compare(*images)

@@ -127,11 +127,7 @@ class Run:
         return INCOMPLETE if half is not None or (recorder is not None and recorder.failed) else 0
 
     def map_folder(self, half: float) -> RunFolder | None:
-        """Where the map is to go; found out before the car drives.
-
-        Raises:
-            InputError: nobody can write there, or the car makes no map.
-        """
+        """Where the map is to go; found out before the car drives."""
         from ndtorch.run.folder import RunFolder
 
         if self.save_map is None:

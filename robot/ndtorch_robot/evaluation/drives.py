@@ -94,11 +94,7 @@ class DriveCache(ResultCache[DriveConfig]):
 
 
 def processes_of(jobs: int) -> int:
-    """What `--jobs` asks for: 0 is one a core.
-
-    Raises:
-        InputError: less.
-    """
+    """What `--jobs` asks for: 0 is one a core. Raises `InputError`: less."""
     if jobs < 0:
         raise InputError(f"--jobs must be 1 or more, got {jobs}")
     return jobs or workers.cores()
@@ -113,12 +109,7 @@ def finish(
     size: Callable[[Job], float] = lambda job: 1.0,
     **bar_options: Any,
 ) -> list[str]:
-    """Do those jobs whose results are missing, keeping each as soon as it is done; returns what went wrong for good.
-
-    Args:
-        name: of a job, for messages.
-        size: of a job, as the progress bar counts it and `work` reports it.
-    """
+    """Do those jobs whose results are missing, keeping each as soon as it is done; returns what went wrong for good."""
     from ndtorch.run.progress import progress_bar
 
     missing = [job for job in given if cache.get(job) is None]

@@ -65,12 +65,7 @@ def true_free(simulation: Simulation, pose: Sequence[float], wish: DriveCommand,
 def guarded_drive(
     config: DriveConfig, report: Callable[[float], None] = lambda seconds: None, guarded: bool = True
 ) -> Summary:
-    """A drive of the blind driver with a guard, and how it was judged: see `judge`.
-
-    Args:
-        report: called with the simulated seconds so far.
-        guarded: False passes all wishes as they are, for comparison.
-    """
+    """A drive of the blind driver with a guard, or without for comparison, and how it was judged: see `judge`."""
     runner = drive_runner(config.model_copy(update={"controller": "ranging"}), load_arena(config.arena, config.seed))
     driver, wishes = BlindDriver(config.seed, config.rate), list[DriveCommand]()
     guard = Guard(runner, driver)

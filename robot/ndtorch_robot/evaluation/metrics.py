@@ -72,12 +72,7 @@ class Edges(NamedTuple):
 
 
 def true_edges(plan: Plan, profiles: list[Floats], height: float = CAMERA_HEIGHT) -> Edges:
-    """Where brightness jumps by `CONTRAST` along a wall or from wall to wall, and every convex corner.
-
-    Args:
-        profiles: brightness along every wall, `World.profiles`.
-        height: of the cameras, m; what does not reach there has no edges.
-    """
+    """Where brightness jumps by `CONTRAST` along a wall or between walls, and convex corners, up to `height`."""
     places: list[tuple[float, float]] = []
     faint: list[bool] = []
     normals: list[tuple[Floats, Floats]] = []
@@ -190,13 +185,7 @@ def score_map(
     rig: StereoRig,
     window: MatchParams = WINDOW,
 ) -> MapScore:
-    """Compare a map with the truth.
-
-    Args:
-        cells: `[rows, columns]`.
-        poses: true poses `[T, 3]`, some of each second.
-        window: disparities that are ranged.
-    """
+    """Compare a map with the truth."""
     edges = true_edges(plan, profiles, rig.camera_height)
     if float(cells.max()) <= 0:
         return MapScore(None, None, None, None, None)

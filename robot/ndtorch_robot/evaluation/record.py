@@ -77,11 +77,7 @@ class Record:
             self.rows.append(np.stack([grey_row(frame, rig) for frame in (frames.left, frames.right)]))
 
     def observer(self, runner: NavigatorRunner, pose: Callable[[], Pose]) -> Observer:
-        """Keeps every step in which the navigator was asked.
-
-        Args:
-            pose: the true one, now.
-        """
+        """Keeps every step in which the navigator was asked."""
 
         def keep(step: Step) -> None:
             if step.placed is not None:
@@ -130,11 +126,7 @@ def grey_row(frame: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
 
 
 def range_columns(ranges: npt.NDArray[np.float32], rig: StereoRig, linear: bool) -> tuple[Floats, Floats]:
-    """Columns at which ranged features were seen in the left and the right row; NaN where there was none.
-
-    Args:
-        ranges: `[T, 4, n]` as in `Record.ranges`.
-    """
+    """Columns at which ranged features were seen in the left and the right row; NaN where there was none."""
     columns = []
     for part in (1, 2):
         angle = ranges[:, part].astype(np.float64)

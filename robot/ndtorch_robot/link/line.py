@@ -125,12 +125,7 @@ class LinkQuality:
         self.count, self.refused, self.forgiven = 0, 0, 0.0
 
     def bad(self, refused: int, now: float) -> bool:
-        """Whether it is too much now.
-
-        Args:
-            refused: frames so far.
-            now: s.
-        """
+        """Whether so many refused frames are too much now, s."""
         self.count += refused - self.refused
         self.refused = refused
         while self.count and now - self.forgiven > FORGIVE:
@@ -140,11 +135,7 @@ class LinkQuality:
 
 
 def open_port(device: str, baud: int) -> serial.Serial:
-    """Open a serial port for this program alone.
-
-    Raises:
-        InputError: no such device, no permission, in use, or no serial port.
-    """
+    """Open a serial port for this program alone."""
     import serial
 
     try:
@@ -158,11 +149,8 @@ def open_port(device: str, baud: int) -> serial.Serial:
 def read_some(port: serial.Serial) -> bytes:
     """All that has come, up to 512 bytes; waits for it, and gives nothing after `READ_TIMEOUT`.
 
-    It takes one call to wait and one to read. `Serial.read` takes more, and after each of them this thread may have
-    to wait for the interpreter.
-
-    Raises:
-        OSError: the port is gone.
+    It takes one call to wait and one to read. `Serial.read` takes more, and after each of them this thread may have to
+    wait for the interpreter.
     """
     file = port.fileno()
     ready, _, _ = select.select([file], [], [], READ_TIMEOUT)

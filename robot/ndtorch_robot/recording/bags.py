@@ -189,11 +189,7 @@ class StereoBag:
         return 1 / step
 
     def pairs(self) -> Iterator[Pair]:
-        """Pairs of frames taken within a quarter of a period of each other, with the motion since the last one.
-
-        Raises:
-            InputError: an image that cannot be decoded or is of another size than the calibration.
-        """
+        """Pairs of frames taken within a quarter of a period of each other, with the motion since the last one."""
         with reading(self.path):
             yield from self.synchronised()
 
@@ -281,11 +277,7 @@ def pair_camera(info: Any) -> PairCamera:
 
 
 def find_topics(kinds: dict[str, str], left: str | None, right: str | None, odometry: str | None) -> Topics:
-    """The topics that were named, or those that can only be meant.
-
-    Raises:
-        InputError: a topic that is not there or of another type; no pair of images, or several.
-    """
+    """The topics that were named, or those that can only be meant."""
     images = [topic for topic, kind in kinds.items() if kind in IMAGES]
     moves = [topic for topic, kind in kinds.items() if kind == "nav_msgs/msg/Odometry"]
     for topic, known in ((left, images), (right, images), (odometry, moves)):

@@ -190,11 +190,7 @@ def open_recording(path: str | Path) -> Recording:
 
 
 def configuration_of(path: Path, content: bytes) -> dict[str, Any]:
-    """What the metadata at the beginning hold.
-
-    Raises:
-        InputError: of another version, or damaged.
-    """
+    """What the metadata at the beginning hold. Raises `InputError`: of another version, or damaged."""
     try:
         told = Metadata.read(ReadDataStream(BytesIO(content)))
         text, version = told.metadata["configuration"], told.metadata["version"]

@@ -40,11 +40,7 @@ def crc_of(text: str) -> str:
 
 
 def images_of(left: Tensor | Strips, right: Tensor | Strips) -> dict[str, Tensor]:
-    """The images of a step by name: whole frames, or the strips of both cameras.
-
-    Raises:
-        InputError: frames that are not one uint8 image each, grey or in color.
-    """
+    """The images of a step by name: whole frames, or the strips of both cameras."""
     found: dict[str, Tensor] = {}
     for side, frame in (("left", left), ("right", right)):
         if isinstance(frame, Strips):
@@ -88,11 +84,7 @@ def line_of(step: Step) -> dict[str, Any]:
 
 
 def step_of(text: str) -> tuple[Step, float, list[str]]:
-    """A step without its frames, when these were taken, and the names of its images.
-
-    Raises:
-        ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError: it is none.
-    """
+    """A step without its frames, when these were taken, and the names of its images."""
     values = json.loads(text)
     driven, wanted, sent = (DriveCommand(*numbers(values[key], 2)) for key in ("driven", "wanted", "sent"))
     placed: Placed = None
@@ -108,11 +100,7 @@ def step_of(text: str) -> tuple[Step, float, list[str]]:
 
 
 def numbers(values: Any, count: int) -> list[float]:
-    """So many finite numbers.
-
-    Raises:
-        ValueError: other ones, or other things.
-    """
+    """So many finite numbers. Raises `ValueError`: other ones, or other things."""
     found = [float(value) for value in values if isinstance(value, int | float)]
     if len(found) != count or len(values) != count or not all(map(math.isfinite, found)):
         raise ValueError(f"expected {count} numbers, got {values}")

@@ -98,12 +98,7 @@ class ArenaFile(Strict):
 
 
 def read_arena(path: Path) -> Plan:
-    """The plan in a file.
-
-    Raises:
-        InputError: in one line, what is wrong with it: an unknown key, a gap in the walls, a passage too
-            narrow for the car.
-    """
+    """The plan in a file."""
     file = read_toml(path, ArenaFile)
     if bool(file.rooms) == bool(file.walls):
         raise InputError(f"{path}: give either rooms or walls")

@@ -63,11 +63,7 @@ class Car:
         self.length = self.turned = self.seconds = 0.0
 
     def send(self, command: DriveCommand) -> DriveCommand:
-        """Ask for a speed and a curvature; returns what it will do, which is within its limits.
-
-        Raises:
-            InputError: a command that is not a finite number.
-        """
+        """Ask for a speed and a curvature; returns what it will do, which is within its limits."""
         self.wanted = self.within(command)
         return self.wanted
 

@@ -119,13 +119,7 @@ def build(
     body: Body | None = None,
     cylinders: int = 0,
 ) -> World:
-    """Paint and build a plan. The seed decides what it looks like.
-
-    Args:
-        pedestrian: with a person-sized box that can be moved.
-        rig, body: of the robot; of the car of [A] by default.
-        cylinders: number of those that can be moved.
-    """
+    """Paint and build a plan. The seed decides what it looks like."""
     import mujoco
 
     rng = np.random.default_rng((seed, 100))
@@ -289,12 +283,7 @@ def add_moving(
     height: float,
     collision: tuple[Any, list[float]],
 ) -> None:
-    """A body in coarse checks that can be moved, seen and bumped into.
-
-    Args:
-        corners: of its outline, counter-clockwise, m.
-        collision: kind and size of its geom.
-    """
+    """A body in coarse checks that can be moved, seen and bumped into."""
     sides = len(corners)
     images[name] = to_bytes(rng.uniform(0.1, 0.9, (6, sides, 3)).repeat(32, 0).repeat(32, 1))
     add_textures(spec, {name: images[name]})

@@ -32,11 +32,8 @@ class Box(NamedTuple):
 def trace(rooms: list[Box], holes: list[Box] | None = None) -> tuple[Ring, tuple[Ring, ...]]:
     """The outline of the union of `rooms` less `holes`, and the rings of all inside it.
 
-    Later boxes decide what a wall looks like. In a box of kind "door", a niche, the longer walls are the door
-    and the shorter ones jambs.
-
-    Raises:
-        InputError: rooms that are not all connected.
+    Later boxes decide what a wall looks like. In a box of kind "door", a niche, the longer walls are the door and the
+    shorter ones jambs.
     """
     holes = holes or []
     boxes = rooms + holes

@@ -55,11 +55,7 @@ class SteppedWorld:
         self.start = time.monotonic() - simulation.now() if real_time else None
 
     def await_welcome(self) -> None:
-        """Let time go on until the board has answered.
-
-        Raises:
-            InputError: it does not, or is that of another car.
-        """
+        """Let time go on until the board has answered. Raises `InputError`: it does not, or is that of another car."""
         while not self.drive.welcomed.is_set():
             if self.drive.refusal is not None or self.now() > ANSWERS_IN:
                 self.board.close()

@@ -88,11 +88,7 @@ def open_viewer() -> str:
 
 
 def open_server(address: str) -> str:
-    """Start a server for viewers elsewhere, which ends with this program; returns the address to send to.
-
-    Raises:
-        InputError: an address or a port that cannot be listened at.
-    """
+    """Start a server for viewers elsewhere, which ends with this program; returns the address to send to."""
     host, _, given = address.partition(":")
     port = int(given or PORT) if (given or "0").isdigit() else 0
     if not host or not 0 < port < 65536:

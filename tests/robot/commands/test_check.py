@@ -58,6 +58,5 @@ def test_the_end_of_the_input_is_a_no(
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
 def test_the_firmware_passes(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """In simulated time: directions, speeds and the emergency stop of the board's own code."""
-    monkeypatch.setattr(Check, "cameras", lambda *_: (True, True))
     assert main(["check", "sim", "--yes", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["not_right"] == 0

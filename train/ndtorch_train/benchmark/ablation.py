@@ -70,12 +70,7 @@ NOTE = (
 
 
 def ablation_benchmark(split: Split, folder: Path | None = None) -> Benchmark:
-    """The ablation over generated street clips and those of a folder.
-
-    Args:
-        split: seeds of generated clips.
-        folder: of labelled clips; None for generated ones alone.
-    """
+    """The ablation over generated street clips and those of a folder."""
     clips: dict[str, Callable[[], LabelledClip]] = {
         kind: functools.partial(street_clip, kind, split) for kind in STREETS
     }

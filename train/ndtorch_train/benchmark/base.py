@@ -89,11 +89,7 @@ class Benchmark:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def run(self, out: Path, jobs: int, fresh: bool, force: bool, tell: Callable[[str], None]) -> Result:
-        """Run what has not been run in this folder with these options and this code, and write all files.
-
-        Raises:
-            InputError: a folder that cannot be written, or input that a task cannot use.
-        """
+        """Run what has not been run in this folder with these options and this code, and write all files."""
         keys = [task.key for task in self.tasks]
         code = code_digest(("ndtorch_train.benchmark", *self.uses))[:12]
         settings = {"command": f"benchmark {self.name}", "code": code, "tasks": keys, **self.settings}
@@ -215,11 +211,7 @@ def markdown(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 
 
 def known(option: str, names: Sequence[str], allowed: Sequence[str]) -> None:
-    """Check names against those that there are.
-
-    Raises:
-        InputError: an unknown name, with the nearest one, or none at all.
-    """
+    """Check names against those that there are."""
     for name in names:
         if name not in allowed:
             raise InputError(f"{option} must be among {', '.join(allowed)}, got {name!r}{did_you_mean(name, allowed)}")

@@ -217,11 +217,7 @@ USES = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading"
 
 
 def fate_benchmark(methods: Sequence[str], names: Sequence[str], scenes: int, split: Split) -> Benchmark:
-    """The benchmark of some methods on scenes of some conditions; of all where none are named.
-
-    Raises:
-        InputError: an unknown method or condition, or no scene.
-    """
+    """The benchmark of some methods on scenes of some conditions; of all where none are named."""
     methods = methods or list(METHODS)
     known("methods", methods, list(METHODS))
     known("conditions", names or list(CONDITIONS), list(CONDITIONS))

@@ -123,20 +123,7 @@ def foreground_benchmark(
     streets: bool = False,
     dishes: bool = False,
 ) -> Benchmark:
-    """The benchmark of some methods on labelled, generated and negative clips.
-
-    Args:
-        methods: names among `METHODS`, or folders of models.
-        rows: height of the frames; 0 for their own.
-        split: seeds of generated and negative clips.
-        folder: of labelled clips.
-        generated: which clips to generate.
-        negative: a still image or a video, and seconds of each clip drawn over it.
-        streets, dishes: whether the kinds of `street_clips` and of `dish_clips` are used.
-
-    Raises:
-        InputError: an unknown method, clips that cannot be read, or numbers out of range.
-    """
+    """The benchmark of some methods on labelled, generated and negative clips."""
     known("methods", [name for name in methods if not Path(name).is_dir()] or METHODS, METHODS)
     if rows != 0 and rows < 32:
         raise InputError(f"rows must be 0 or at least 32, got {rows}")
@@ -173,11 +160,7 @@ def foreground_benchmark(
 
 
 def check_generated(options: Generated) -> None:
-    """Check the options of generated clips.
-
-    Raises:
-        InputError: numbers out of range.
-    """
+    """Check the options of generated clips. Raises `InputError`: numbers out of range."""
     if not 1 <= options.clips <= 100_000:
         raise InputError(f"generated must be between 1 and 100000, got {options.clips}")
     if any(not 0 <= count <= 4 for count in options.counts):
@@ -244,13 +227,7 @@ def draw(rows: list[Row], folder: Path) -> list[Shown]:
 
 
 def run_method(method: str, clip: Video, rows: int = 0) -> TrackerOutput:
-    """Run a method over a clip.
-
-    Args:
-        method: one of `METHODS`, or the path of a model's folder.
-        clip: the clip.
-        rows: height to which every method gets the frames; 0 for their own.
-    """
+    """Run a method, one of `METHODS` or a model folder, over a clip; `rows`: height of its frames, 0 for their own."""
     kind, _, tracker = method.partition("-")
     if tracker in TRACKERS:
         return run_peer(kind, Norfair(clip.fps) if tracker == "norfair" else Peer(tracker, clip.fps), clip, rows)

@@ -439,11 +439,7 @@ def clip_file(clip: Clip, folder: Path) -> Path:
 
 
 def encode(frames: Iterable[Frame], path: Path, fps: float, size: tuple[int, int], quality: int) -> None:
-    """Write frames `[H, W, 3]` (red, green, blue) as H.264 with a constant rate factor.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write frames `[H, W, 3]` (red, green, blue) as H.264 with a constant rate factor."""
     try:
         container: Any = av.open(str(path), "w")
     except OSError as error:

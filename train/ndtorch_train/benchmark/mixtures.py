@@ -110,11 +110,7 @@ COLUMNS = (
 
 
 def mixture_benchmark(draws: int, samples: int, split: Split) -> Benchmark:
-    """The benchmark of all methods on both kinds of mixtures.
-
-    Raises:
-        InputError: no mixture, or too few or too many samples.
-    """
+    """The benchmark of all methods on both kinds of mixtures."""
     if not (1 <= draws <= 1000 and 1000 <= samples <= 10_000_000):
         raise InputError(f"mixtures must be 1 to 1000 of 1000 to 10000000 samples, got {draws} of {samples}")
     tasks = [

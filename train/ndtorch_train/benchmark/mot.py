@@ -183,11 +183,7 @@ class VideoFrames:
 
 
 def read_clip(folder: Path) -> LabelledClip:
-    """The clip in a folder with `clip.mp4`, and `gt.txt` or `masks.mkv`; with neither, nothing moves in it.
-
-    Raises:
-        InputError: no clip, or one that cannot be read.
-    """
+    """The clip in a folder with `clip.mp4`, and `gt.txt` or `masks.mkv`; with neither, nothing moves in it."""
     path = folder / "clip.mp4"
     if not path.is_file():
         raise InputError(f"{folder} holds no clip.mp4")
@@ -205,11 +201,7 @@ def read_clip(folder: Path) -> LabelledClip:
 
 
 def clip_folders(folder: Path) -> list[Path]:
-    """The folders of clips in a folder, or itself if it is one.
-
-    Raises:
-        InputError: none there.
-    """
+    """The folders of clips in a folder, or itself if it is one. Raises `InputError`: none there."""
     if (folder / "clip.mp4").is_file():
         return [folder]
     found = sorted(path.parent for path in folder.glob("*/clip.mp4"))
@@ -221,9 +213,6 @@ def clip_folders(folder: Path) -> list[Path]:
 def read_boxes(path: Path) -> Iterator[TrueFrame]:
     """Frames of a file in MOT format: frame from 1, identity, left, top, width, height, and 0 for what is not to be
     counted. After its last line nothing is there, for ever.
-
-    Raises:
-        InputError: not such a file.
     """
     try:
         rows = np.loadtxt(read_text(path, TABLE_BYTES).splitlines(), delimiter=",", ndmin=2)
@@ -309,14 +298,7 @@ class Tally:
 
 
 def mot_score(output: TrackerOutput, truth: Iterable[TrueFrame], fps: float, masked: bool) -> MotScore:
-    """All scores of a method's hypotheses of one clip.
-
-    Args:
-        output: of every frame of the clip.
-        truth: of the same frames; one that ends early ends the score, unless it never began.
-        fps: frames a second.
-        masked: whether the truth is masks, so that identities are not known.
-    """
+    """All scores of a method's hypotheses of one clip."""
     tally, together, seen = Tally(), Counter[tuple[int, int]](), list[Overlaps]()
     lasting: dict[int, int] = {}
     found_before: set[int] = set()

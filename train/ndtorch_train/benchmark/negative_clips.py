@@ -244,11 +244,7 @@ class Drawn:
 
 
 def still_image(source: Path) -> Pixels:
-    """An image, or the median of frames of a video, in which what passes is gone, blue, green, red.
-
-    Raises:
-        InputError: neither.
-    """
+    """An image, or the median of frames of a video, in which what passes is gone, blue, green, red."""
     if not source.is_file():
         raise InputError(f"{source}: no such file")
     with quiet_opencv():

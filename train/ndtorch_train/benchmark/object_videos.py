@@ -293,11 +293,7 @@ COLUMNS = (
 def object_video_benchmark(
     folder: Path | None, methods: Sequence[str], sets: Sequence[str], count: int, split: Split
 ) -> Benchmark:
-    """The benchmark of some methods on some sets.
-
-    Raises:
-        InputError: an unknown method or set, a folder that is not there, or no video.
-    """
+    """The benchmark of some methods on some sets."""
     known("methods", methods, list(METHODS))
     known("sets", sets, list(SETS))
     if not 1 <= count <= 10_000:

@@ -163,11 +163,7 @@ def paper_truth() -> Tensor:
 
 
 def scenes_of(name: str, split: Split, scenes: int, fps: float = FPS) -> list[Callable[[], Rendered]]:
-    """What draws each scene of a set.
-
-    Raises:
-        InputError: a number of scenes that is not positive, or has no seeds.
-    """
+    """What draws each scene of a set. Raises `InputError`: a number of scenes that is not positive, or has no seeds."""
     chosen = SETS[name]
     count = chosen.times * scenes
     if not 1 <= count <= SEEDS_A_SET:
@@ -326,11 +322,7 @@ def reliability(rows: list[Row], folder: Path) -> list[Shown]:
 def over_time_benchmark(
     methods: Sequence[str], sets: Sequence[str], scenes: int, seconds: float, split: Split, fps: float = FPS
 ) -> Benchmark:
-    """The benchmark of some methods on some sets.
-
-    Raises:
-        InputError: an unknown method or set, or numbers out of range.
-    """
+    """The benchmark of some methods on some sets."""
     known("methods", methods, list(METHODS))
     known("sets", sets, list(SETS))
     if not FIRST < seconds <= LONGEST:

@@ -61,11 +61,7 @@ NOTE = (
 
 
 def range_benchmark(place: Path, disparities: tuple[int, int]) -> Benchmark:
-    """The benchmark on every pair of a folder.
-
-    Raises:
-        InputError: a folder without pairs, pairs that cannot be read, or disparities that cannot be.
-    """
+    """The benchmark on every pair of a folder."""
     low, high = disparities
     if not 1 <= low < high - 1 or high > 1024:
         raise InputError(f"disparities must be two numbers 1 <= LEAST < LARGEST - 1 < 1024, got {low} {high}")
@@ -171,11 +167,7 @@ class Pair:
 
 
 def pair_folders(folder: Path) -> list[Path]:
-    """The folders that hold a left.png, sorted by name; the folder itself if it does.
-
-    Raises:
-        InputError: there is none.
-    """
+    """The folders that hold a left.png, sorted by name; the folder itself if it does."""
     if (folder / "left.png").is_file():
         return [folder]
     found = sorted(path.parent for path in folder.glob("*/left.png"))
@@ -189,9 +181,6 @@ def read_pair(folder: Path, number: int = 0) -> Pair:
 
     Its values are pixels in files of floating point (.tif, .pfm), pixels times N where its name ends in `_xN`, and
     otherwise pixels times 256, as KITTI has them. What is 0, negative or not finite is not known.
-
-    Raises:
-        InputError: a file that is missing, cannot be read, or has another size than left.png.
     """
     left, right = read_grey(folder / "left.png"), read_grey(folder / "right.png")
     truths = sorted(path for path in folder.glob("disp*") if path.suffix in (".png", ".tif", ".tiff", ".pfm"))

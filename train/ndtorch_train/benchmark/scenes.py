@@ -61,11 +61,7 @@ USES = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading"
 def scene_benchmark(
     name: str, methods: Sequence[str], groups: Sequence[str], scenes: int, seconds: Sequence[float], split: Split
 ) -> Benchmark:
-    """The benchmark of some methods on some groups of sets.
-
-    Raises:
-        InputError: an unknown method or group, or numbers out of range.
-    """
+    """The benchmark of some methods on some groups of sets."""
     known("methods", methods, (*METHODS, retinotopic.NAME))
     known("sets", groups, list(SETS))
     if not seconds or not all(0 < s <= LONGEST - SETTLE for s in seconds):

@@ -211,11 +211,7 @@ COLUMNS = (
 
 
 def shape_benchmark(methods: Sequence[str], names: Sequence[str], films: int, split: Split) -> Benchmark:
-    """The benchmark of some methods under some conditions; of all where none are named.
-
-    Raises:
-        InputError: an unknown method or condition, or no film.
-    """
+    """The benchmark of some methods under some conditions; of all where none are named."""
     methods, names = methods or list(METHODS), names or list(CONDITIONS)
     known("methods", methods, list(METHODS))
     known("conditions", names, list(CONDITIONS))

@@ -228,11 +228,7 @@ CLAIMS: tuple[Claim, ...] = (
 
 
 def chosen(ids: Sequence[str]) -> list[Claim]:
-    """The claims of those names, all of them for none.
-
-    Raises:
-        InputError: an unknown name, with the nearest one.
-    """
+    """The claims of those names, all of them for none. Raises `InputError`: an unknown name, with the nearest one."""
     known = {claim.id: claim for claim in CLAIMS}
     for name in ids:
         if name.upper() not in known:

@@ -83,12 +83,7 @@ def module_of(kind: str) -> ModuleType:
 
 
 def read_sweep(path: Path) -> SweepConfig:
-    """Read a sweep.
-
-    Raises:
-        InputError: a file that cannot be read, an unknown key (with the nearest known one), a value out of range,
-            or a sweep without a trial.
-    """
+    """Read a sweep."""
     return parse(toml_values(path), str(path), path.stem)
 
 

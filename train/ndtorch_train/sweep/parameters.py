@@ -25,11 +25,7 @@ class Parameter:
     words: tuple[str, ...] = ()
 
     def check(self, name: str, value: object, where: str) -> Value:
-        """The value as the parameter has it.
-
-        Raises:
-            InputError: of another type, or out of range.
-        """
+        """The value as the parameter has it. Raises `InputError`: of another type, or out of range."""
         if isinstance(self.default, str):
             if value not in self.words:
                 raise InputError(

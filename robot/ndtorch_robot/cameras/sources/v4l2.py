@@ -79,11 +79,7 @@ def busy(target: str) -> str:
 
 
 def set_up(capture: Capture, camera: Source, settings: CameraSettings) -> None:
-    """Set format, size, rate, exposure and gain, and read all of it back.
-
-    Raises:
-        InputError: naming everything that the camera does otherwise.
-    """
+    """Set format, size, rate, exposure and gain, and read all of it back."""
     import cv2
 
     # The order matters: a size is one of a pixel format, and a rate one of a size.

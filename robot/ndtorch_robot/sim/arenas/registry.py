@@ -16,11 +16,7 @@ REGISTERED: dict[str, tuple[Make, bool]] = {}
 
 
 def arena(name: str, test: bool = False) -> Callable[[Make], Make]:
-    """Decorator: this function makes the arena of that name.
-
-    Args:
-        test: no controller was developed in it.
-    """
+    """Decorator: this function makes the arena of that name."""
 
     def register(make: Make) -> Make:
         REGISTERED[name] = make, test
@@ -37,11 +33,7 @@ def arenas(test: bool | None = None) -> dict[str, Make]:
 
 
 def load_arena(name: str, seed: int = 0) -> Plan:
-    """The plan of an arena by name, or of a file that ends in `.toml`.
-
-    Raises:
-        InputError: no such arena, or a file that cannot be used.
-    """
+    """The plan of an arena by name, or of a file that ends in `.toml`."""
     if name.endswith(".toml"):
         from ndtorch_robot.sim.arena_file import read_arena
 

@@ -179,11 +179,7 @@ class Disturbances:
 
 
 def read_disturbances(text: str) -> Disturbances:
-    """Disturbances from text: names of `presets` or `key=number`, several with commas; "" is none.
-
-    Raises:
-        InputError: an unknown name or key, or a number out of range.
-    """
+    """Disturbances from text: names of `presets` or `key=number`, several with commas; "" is none."""
     owners = {key: kind for kind in disturbances() for key in kind.model_fields}
     values: dict[type[Disturbance], dict[str, Any]] = {kind: {} for kind in disturbances()}
     for key, number in pairs(text):

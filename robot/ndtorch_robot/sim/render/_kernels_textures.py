@@ -51,11 +51,7 @@ def bilinear(u: float, v: float, texels: Array, start: int, stride: int, wide: f
 
 @jit
 def sample_bilinear(u: Array, v: Array, texels: Array, mipmap: Array, line: Array) -> None:
-    """Colors `[n]` of one mipmap.
-
-    Args:
-        mipmap: where it begins, its width and its height in texels, `[3]` int32.
-    """
+    """Colors `[n]` of one mipmap. `mipmap`: where it begins, its width and its height in texels, `[3]` int32."""
     start, stride = mipmap[0], i32(mipmap[1] + 2)
     wide, high = f32(mipmap[1] * 256), f32(mipmap[2] * 256)
     for k in range(line.shape[0]):
