@@ -48,7 +48,8 @@ test-unit: $(STAMP)
 	$(BIN)/python tests/variants.py plain -n 2 --dist worksteal -q --durations 10 -m '$(UNIT)'
 
 test-long: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist worksteal -q --durations 10 -m long
+	$(BIN)/python -m pytest -n 2 --dist worksteal -q --durations 10 -m 'long and not realtime'
+	$(BIN)/python -m pytest -q -m 'long and realtime' tests/robot
 
 # The suite on another machine, so to speak: VARIANT is one of those that `tests/variants.py` lists, or several of them
 # joined by +; all of them, one after the other, by default.

@@ -6,7 +6,7 @@ import enum
 import importlib
 import inspect
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -40,10 +40,10 @@ LONG = {"train_first_stage", "SerialDrive", "warm_up"}
 """What takes long or needs hardware."""
 
 
-def public_things() -> Iterator[tuple[str, Any]]:
+def public_things(packages: Iterable[str] = PACKAGES) -> Iterator[tuple[str, Any]]:
     """Every exported function and class, once; those that validate themselves and plain tuples are left out."""
     seen = set()
-    for package in PACKAGES:
+    for package in packages:
         module = importlib.import_module(package)
         for name in module.__all__:
             thing = getattr(module, name)

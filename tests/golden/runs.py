@@ -31,7 +31,7 @@ from tests.golden.scenes import CLIPS, HEIGHT, WIDTH
 
 Numbers = npt.NDArray[Any]
 Kept = dict[str, Any]
-Run = Callable[[Kept | None], Kept]
+Run = Callable[..., Kept]
 
 FOREGROUND = "foreground"
 MODELS, SCENES = ("published", "scale-free", "retinotopic", FOREGROUND), ("two-bars", "three-bars")

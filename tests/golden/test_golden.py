@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.golden.runs import EVERY, RUNS, Kept, Numbers, localised, replayed, unpack
+from tests.golden.runs import EVERY, RATE, RUNS, Kept, Numbers, localised, replayed, unpack
 
 pytestmark = pytest.mark.slow
 
@@ -152,5 +152,6 @@ def test_replay() -> None:
 @pytest.mark.parametrize("name", ["drive/published/room/0", "drive/ranging/chairs/0", "drive/goal/office/0"])
 def test_drive_by_itself(name: str) -> None:
     """Without the recorded commands rounding grows: for 5 s the car stays within 2 cm of its path."""
-    until = 5 * 30 // EVERY
-    closely(np.array(RUNS[name](None)["poses"])[:until], np.array(GOLDEN[name]["poses"])[:until], 0.02)
+    found = RUNS[name](None, seconds=5.0)["poses"]
+    assert len(found) == 5 * RATE // EVERY
+    closely(found, GOLDEN[name]["poses"][: len(found)], 0.02)

@@ -256,6 +256,16 @@ def test_a_wall_without_marks_is_no_fault_where_a_floor_is_seen():
     assert stopped(blank) == (None, "")
 
 
+def test_times_ahead_and_half_the_rate_are_faults():
+    check, said = FrameCheck(RIG, RATE, 0.1), []
+    for n, part in enumerate(drive(0.3)):
+        seen = frames(part, 2 * n)
+        assert "0.500 s ahead" in check.judge(seen._replace(time=seen.time + 0.5), SPEED, seen.time).message
+        said.append(check.judge(seen, SPEED, seen.time))
+    assert said[:2] == [None, None]
+    assert said[2].message == "the cameras give 15 frames a second, 30 are wanted"
+
+
 def test_single_bad_pictures_are_no_fault():
     parts = ([p * 0 + 128 if n % 3 == 0 else p for p in part] for n, part in enumerate(drive(3.0)))
     assert stopped(parts) == (None, "")
