@@ -39,10 +39,8 @@ PLAIN = (Tensor, torch.nn.Parameter)
 
 
 def has_values(value: Tensor) -> bool:
-    """Whether the numbers of a tensor can be looked at.
-
-    They cannot where a program is compiled or exported, of tensors on the device `meta`, and of those that
-    `FakeTensorMode` and the transforms of `torch.func` hand in.
+    """Whether the numbers of a tensor can be looked at: not while a program is compiled or exported, on the device
+    `meta`, in `FakeTensorMode`, or inside transforms of `torch.func`.
     """
     if torch.compiler.is_compiling() or type(value) not in PLAIN or value.is_meta:
         return False
@@ -108,10 +106,7 @@ def check_kind(name: str, value: object, kind: type) -> None:
 
 def check_state(state: Any, kind: type, *, meta: bool = False) -> None:
     """Raise `InputError` unless `state` is None or a named tuple of that class whose own tensors hold numbers, none of
-    them NaN.
-
-    Tuples within it are looked at by the module that they belong to, and sizes and types by filters. With `meta`,
-    tensors on the device `meta` will do.
+    them NaN; with `meta`, tensors on that device will do. Tuples within it belong to other modules.
     """
     check_kind("state", state, kind)
     if state is not None and not torch.compiler.is_compiling():
@@ -237,10 +232,8 @@ def check_finite(name: str, value: Tensor) -> None:
 
 
 def surely_finite(values: Iterable[object]) -> bool:
-    """Whether these are dense tensors of finite float32 or float64, by one look at all of them together.
-
-    False says nothing: a sum of finite numbers may overflow. What asks then looks at them one by one. It is for what a
-    car goes through at every step, where `check_tensor` for each takes several times as long.
+    """Whether these are dense tensors of finite float32 or float64, by one look at all of them: for every step of a
+    car. False says nothing, since a sum of finite numbers may overflow.
     """
     total = 0.0
     try:
@@ -369,9 +362,8 @@ def check_numbers(
 
 
 def what_number(name: str, value: object, endless: bool = False) -> str:
-    """What a field of that name wants instead of this value; empty where the value will do.
-
-    An infinite time constant, `tau_...`, is one that never forgets; all other numbers are finite unless `endless`.
+    """What a field of that name wants instead of this value, empty where it will do: only a `tau_...` may be infinite,
+    unless `endless`.
     """
     if not is_number(value):
         return "a number"

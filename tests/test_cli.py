@@ -59,7 +59,7 @@ def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.Capt
 
 @pytest.mark.slow
 def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bind", "--pictures", "2", "--out", str(tmp_path)]) == 0
+    assert main(["bind", "--fps", "50", "--pictures", "2", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     assert out.startswith("model  scale-free (default for scenes)\n")
     assert "object 1: red, moving right and down, orientation between 0° and 120°" in out

@@ -13,9 +13,10 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding import PublishedModel, object_table, train_first_stage
+from ndtorch.binding import PublishedModel, object_table, spectral_radius, train_first_stage
 from ndtorch.binding.first_stage import block_diagonal
 from ndtorch.binding.models.whole_field import BindingState
+from ndtorch.errors import InputError
 from ndtorch.run.run import run_model
 from ndtorch.run.watchers import Picture, Watcher
 from ndtorch.scenes import equal_bars, three_bars, two_bars
@@ -26,6 +27,8 @@ from tests.films import Films
 pytestmark = pytest.mark.slow
 
 RED, GREEN = FEATURES.index("red"), FEATURES.index("green")
+FPS = 50.0
+"""Of films for which half the rate of the networks will do."""
 
 
 def learn(sums: Tensor, **options: object) -> tuple[PublishedModel, BindingState]:
@@ -40,8 +43,10 @@ def names(weights: Tensor) -> list[str]:
 
 
 def test_first_stage_learns_the_printed_weights() -> None:
-    """[B §3.1-3.3] prints about 0.3, 0.45 and 0.45."""
+    """[B §3.1-3.3] prints about 0.3, 0.45 and 0.45. Each network stops where its spectral radius is 0.9."""
     stage = train_first_stage()
+    for weights in stage[:3]:
+        assert 0.9 * (1 - 1e-4) < float(spectral_radius(weights)) <= 0.9 * (1 + 1e-6)
 
     def off_diagonal(weights: Tensor) -> Tensor:
         return weights[~torch.eye(len(weights), dtype=torch.bool)]
@@ -55,6 +60,11 @@ def test_first_stage_learns_the_printed_weights() -> None:
     shipped = ndtorch.load("published").first_stage()
     assert shipped is not None
     torch.testing.assert_close(shipped, block_diagonal(stage), atol=1e-5, rtol=0)
+
+
+def test_training_that_does_not_get_there_says_so() -> None:
+    with pytest.raises(InputError, match=r"did not reach a spectral radius of 0\.9 in 120 s; raise gamma"):
+        train_first_stage(gamma=1e-9, dt=0.05, size=(16, 16))
 
 
 def test_two_bars_are_a_red_and_a_green_object(films: Films) -> None:
@@ -107,18 +117,18 @@ def test_three_bars_are_three_objects(bars: Bars) -> None:
 
 def test_equal_bars_are_one_object_to_whole_field_sums(films: Films) -> None:
     """[C §5.5.2] claims three. With sums over the whole field it does not hold, and that is what we assert."""
-    model, state = learn(films(equal_bars))
+    model, state = learn(films(equal_bars, fps=FPS), fps=FPS)
     assert [thing.neuron for thing in model.objects(state)] == ["green"]
 
 
 def test_distance_fluctuation_works_as_well_as_shadow(films: Films) -> None:
     """[B fig. 11c-d]"""
-    model, state = learn(films(two_bars, fluctuation="distance"))
+    model, state = learn(films(two_bars, fluctuation="distance", fps=FPS), fps=FPS)
     assert [thing.neuron for thing in model.objects(state)] == ["red", "green"]
 
 
 def test_bars_that_do_not_fluctuate_are_called_static(films: Films) -> None:
-    model, state = learn(films(two_bars, fluctuation="none", seconds=8.0))
+    model, state = learn(films(two_bars, fluctuation="none", seconds=8.0, fps=FPS), fps=FPS)
     assert model.verdict(state) == "static"
     assert model.objects(state) == []
 
@@ -184,7 +194,8 @@ class Album(Watcher):
 def test_the_winner_stands_out_in_the_enhanced_image() -> None:
     """[C fig. 6] prints ratios of 6.2 and 4.1 at two moments where the input's ratio is about 1."""
     album = Album(after=10.0)
-    run_model(ndtorch.load("published"), two_bars(seconds=15), pictures_per_second=5, watchers=(album,))
+    scene = two_bars(seconds=15, fps=FPS)
+    run_model(ndtorch.load("published", fps=FPS), scene, pictures_per_second=5, watchers=(album,))
     seen = {RED: 0, GREEN: 0}
     for picture in album.pictures:
         before = float(picture.frame[..., 0].max()) / float(picture.frame[..., 1].max())

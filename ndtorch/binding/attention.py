@@ -16,12 +16,7 @@ from ndtorch.vision.temporal import FilterState, LowPass
 
 
 def winner(outputs: Tensor, owners: Tensor) -> Tensor:
-    """Neuron with the largest output among those that own an object, -1 where there is none. [C §4.2]
-
-    Neurons without an object can have larger outputs; they have no features to look for.
-
-    Shapes: outputs `[..., N]`, owners `[..., N]` bool -> int64 `[...]`.
-    """
+    """Neuron `[...]` with the largest of the outputs `[..., N]` among `owners`, -1 where there is none. [C §4.2]"""
     among = outputs.masked_fill(~owners, -torch.inf)
     return torch.where(owners.any(-1), among.argmax(-1), -1)
 

@@ -270,15 +270,8 @@ def waiting(after: CovarianceState, block: Tensor) -> CovarianceState:
 def sample_step(
     sample: Tensor, mean: Tensor, covariance: Tensor, fresh: Tensor, a_high: float, share: float | Tensor
 ) -> tuple[Tensor, Tensor]:
-    """The mean and the covariance `[..., N, N]` after one more sample `[..., N]`.
-
-    Args:
-        sample: `[..., N]`.
-        mean: what the high-pass has taken for the mean, `[..., N]`.
-        covariance: `[..., N, N]`.
-        fresh: where the mean begins at the sample, bool like it.
-        a_high: share of the sample that the mean takes in.
-        share: share of the products that the covariance takes in, `[..., 1, 1]` if not the same for all.
+    """Mean `[..., N]` and covariance `[..., N, N]` after one more sample, of which they take in the shares `a_high` and
+    `share`; where `fresh`, the mean begins at the sample.
     """
     mean = torch.where(fresh, sample, torch.lerp(mean, sample, a_high))
     high = sample - mean

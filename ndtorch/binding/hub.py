@@ -53,14 +53,8 @@ def download_model(address: str) -> Path:
 
 
 def upload_model(save: Callable[[Path], object], address: str) -> None:
-    """Write a model to the Hub: the repository is made, private, where there is none. A card that is there is kept.
-
-    Args:
-        save: writes the model into a folder.
-        address: of the repository.
-
-    Raises:
-        InputError: as `download_model`; not logged in, or not allowed.
+    """Write a model, which `save` writes into a folder, to the Hub: the repository is made, private, where there is
+    none. A card that is there is kept.
     """
     repo, revision = repository(address)
     hub = need("huggingface_hub", "a model on the Hub")

@@ -225,19 +225,8 @@ def write_result(
 ) -> OSError | None:
     """Write objects.json and state.safetensors, the figures (of owners, or of tracks over time) and report.html.
 
-    Args:
-        result: of the run.
-        about: what is needed to go on later, kept with the state.
-        folder: where to write, and where its film is.
-        chosen: the model's name, and why it was taken.
-        mask: write mask.mp4 too.
-        gallery: pictures of the run, of models with tracks.
-
-    Returns:
-        Why there are no figures, where they could not be written: on a full disk the state has to come first.
-
-    Raises:
-        OSError: not even the state can be written.
+    `about` is what is needed to go on later. Returns why there are no figures: on a full disk the state has to come
+    first, and `OSError` says that not even it can be written.
     """
     text = json.dumps(summary(result), indent=2, ensure_ascii=False)
     (folder / "objects.json").write_text(text + "\n", encoding="utf-8")

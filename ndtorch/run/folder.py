@@ -76,12 +76,7 @@ class RunFolder:
                 return
 
     def publish(self, whole: bool = True) -> list[Path]:
-        """Move everything in; returns the files.
-
-        Args:
-            whole: the run ended by itself. One that did not never replaces files of an earlier one: with `force` it
-                goes to the next folder that is free.
-        """
+        """Move everything in; returns the files. A run that was not `whole` never replaces files of an earlier one."""
         files = sorted(self.work.iterdir())
         if not whole and any((self.final / file.name).exists() for file in files):
             old = self.work
@@ -127,16 +122,8 @@ class Place(NamedTuple):
 
 
 def place_for(wanted: Path, settings: Mapping[str, Any], fresh: bool = False, force: bool = False) -> Place:
-    """The folder of the run with these settings, if there was one; else a new one, as every run gets.
-
-    Args:
-        wanted: the folder; where it is of other settings, the next that is free: `maps`, `maps-2`.
-        settings: what the results are of, options and code.
-        fresh: use nothing of earlier runs.
-        force: take this folder whatever is in it.
-
-    Raises:
-        InputError: it cannot be made or written to.
+    """The folder of the run with these settings, options and code, if there was one; else the next that is free:
+    `maps`, `maps-2`. `fresh`: nothing of earlier runs is used; `force`: this folder, whatever is in it.
     """
     text = json.dumps(settings, sort_keys=True, indent=1, default=str) + "\n"
     wanted = wanted if wanted.name not in ("", "..") else wanted.resolve()

@@ -109,12 +109,7 @@ MEMBERS = 4096
 
 
 def open_regular(path: str | Path, most: int) -> IO[bytes]:
-    """Open a file for reading, if it is a regular one and not too large: pipes and devices are never waited for.
-
-    Raises:
-        OSError: it is not there, or cannot be read.
-        InputError: a pipe, a device, a folder, or more than `most` bytes.
-    """
+    """Open a regular file of at most so many bytes for reading: pipes and devices are never waited for."""
     number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
     found, wrong = os.fstat(number), ""
     if not stat.S_ISREG(found.st_mode):
@@ -218,14 +213,7 @@ def save_tensors(flat: Mapping[str, Tensor], path: str | Path, about: Mapping[st
 
 
 def read_tensors(path: str | Path, what: str) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Tensors and strings that `save_tensors` wrote.
-
-    Args:
-        what: the file is, for the message: "a saved state".
-
-    Raises:
-        InputError: missing file, not safetensors, without a checksum, or damaged.
-    """
+    """Tensors and strings that `save_tensors` wrote; `what` names the file in an `InputError`: "a saved state"."""
     from safetensors import SafetensorError, safe_open
 
     try:

@@ -47,12 +47,8 @@ def need(module: str, what: str) -> Any:
 
 
 def remedy(module: str) -> str | None:
-    """The command that installs a module, and which of our extras has it. None for modules that we do not ask for.
-
-    The command names the package itself: that can be had from an index, wherever our own distributions came from.
-
-    Args:
-        module: top-level name, as it is imported.
+    """The command that installs a module, and which of our extras has it; None for modules that we do not ask for. It
+    names the package itself, which an index has wherever our own distributions came from.
     """
     wanted = NAMES.get(module, module)
     extras = sorted(

@@ -53,16 +53,9 @@ def exit_words(code: int | None) -> str:
 def run_tasks(function: Callable[[Any, Report], Any], tasks: Sequence[Any], jobs: int) -> Generator[Event, None, None]:
     """Call `function(task, report)` for every task in `jobs` processes, in order, and tell what happens.
 
-    The processes are started afresh (spawn), because a fork of a process that has used torch or OpenGL may hang,
-    and compute with one thread. They end with the iterator, also when it is left early.
-
-    Args:
-        function: found by its name in the workers, so of a module's top level (or `functools.partial` of one).
-        tasks: whatever can be pickled.
-        jobs: processes at most.
-
-    Raises:
-        InputError: fewer than one job.
+    The processes are started afresh (spawn), because a fork of a process that has used torch or OpenGL may hang, and
+    compute with one thread. They end with the iterator, also when it is left early. The function is one of a module's
+    top level, and tasks can be pickled.
     """
     if jobs < 1:
         raise InputError(f"jobs must be at least 1, got {jobs}")

@@ -208,11 +208,8 @@ def delays(count: int, last: float) -> Tensor:
 
 
 def moved_on(past: Tensor, pace: tuple[float, float] | list[float]) -> Tensor:
-    """Images `[..., B, H, W]`, the latest last, each moved by whole pixels to where it would be now; 0 comes in.
-
-    Args:
-        past: the images.
-        pace: columns and rows from one to the next.
+    """Images `[..., B, H, W]`, the latest last, each moved to where it would be now by whole pixels, `pace` columns and
+    rows from one to the next; 0 comes in.
     """
     count, height, width = past.shape[-3:]
     out = torch.zeros_like(past)

@@ -80,15 +80,7 @@ def field_pass(
     tables: FieldTables,
     sums: Any,
 ) -> Tensor:
-    """Images as of `pass_over`, which has the other arguments, and motion and color of every field into `sums`.
-
-    Args:
-        tables: which pixels belong to which field.
-        sums: `[T, 7, R, C]`.
-
-    Raises:
-        InputError: as `check_range`.
-    """
+    """Images as of `pass_over`, and motion and color of every field into `sums` `[T, 7, R, C]`."""
     images, wrong = np.empty((len(frames), *thinning.size), float_type(frames)), 0
     for frame, image, here in zip(frames.unbind(0), images, sums, strict=True):
         wrong += by_kernel(local_sums, frame, state, motion, thinning, into, image, tables, here)

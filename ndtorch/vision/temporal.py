@@ -330,12 +330,7 @@ def predicted(place: Places, velocity: Places, dt: float) -> Places:
 def corrected(
     place: Places, velocity: Places, residual: Places, alpha: float | Tensor, beta: float | Tensor, dt: float
 ) -> tuple[Places, Places]:
-    """Place and velocity `[..., 2]` after the share `alpha` of the residual, and `beta` of it over `dt`.
-
-    Args:
-        place: predicted.
-        residual: observed place less the predicted one; zero where nothing was seen.
-        alpha, beta: shares, 0..1; numbers, or tensors that broadcast.
-        dt: seconds over which the residual came about.
+    """Place and velocity `[..., 2]` after the share `alpha` of the residual (observed less predicted place, zero where
+    nothing was seen), and `beta` of it over `dt` seconds.
     """
     return place + alpha * residual, velocity + beta * residual / dt

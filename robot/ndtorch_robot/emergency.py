@@ -23,12 +23,8 @@ def emergency_stops(
 ) -> Iterator[threading.Event]:
     """Watch for signals, and for keys when stdin is a terminal, in a thread of its own; for the main thread only.
 
-    SIGTERM, SIGINT and SIGHUP stop the car at once, even while the main thread is inside of a long call, and set
-    the event, which tells the loop to end. SIGUSR1 and the key g resume; any other key is an emergency stop.
-
-    Args:
-        ended: the event; a new one by default.
-        keys: with keys from stdin.
+    SIGTERM, SIGINT and SIGHUP stop the car at once, even while the main thread is inside of a long call, and set the
+    event, which tells the loop to end. SIGUSR1 and the key g resume; any other key is an emergency stop.
     """
     ended = ended or threading.Event()
     wake, woken = os.pipe()

@@ -77,16 +77,8 @@ class NavigatorRunner:
     def step(
         self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, anew: bool = False
     ) -> DriveCommand:
-        """The command of the navigator.
-
-        Args:
-            frames: of the cameras.
-            driven: motion of the car since the step before.
-            placed: the place to which a person has moved the car since then.
-            anew: the car was stopped, or saw nothing, since then.
-
-        Raises:
-            InputError: a time, a motion or a place that is not finite, or frames that cannot be used.
+        """The command of the navigator; `driven`: motion since the step before, `placed`: where a person has put the
+        car since then, `anew`: it was stopped, or saw nothing.
         """
         if not math.isfinite(frames.time):
             raise InputError(f"the time of the frames must be finite, got {frames.time}")

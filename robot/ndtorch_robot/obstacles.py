@@ -15,10 +15,8 @@ Floats = npt.NDArray[np.float64]
 
 
 def seen_obstacles(state: NavigatorState, navigator: Navigator) -> Ranges:
-    """What stands around a car: the ranges of the last frame, and the blocked cells that its controller remembers.
-
-    Returns:
-        Places `x` and `y` `[n]` in the frame of the body, m, all valid.
+    """Places `[n]` of what stands around a car, in the frame of its body, m: the ranges of the last frame, and the
+    blocked cells that its controller remembers.
     """
     ranges = state.ranges
     valid = np.asarray(ranges.valid).reshape(-1)
@@ -48,11 +46,8 @@ def blocked_cells(state: NavigatorState, navigator: Navigator) -> tuple[Floats, 
 
 
 def nearest_by_sector(x: Floats, y: Floats, sectors: int) -> Floats:
-    """The distance of the nearest place in each of some equal sectors, m, infinite where there is none.
-
-    Args:
-        x, y: places, m.
-        sectors: their number; the first is about +x, and they go on towards +y.
+    """The distance of the nearest place in each of some equal sectors, the first about +x and going on towards +y, m;
+    infinite where there is none.
     """
     bearing = np.arctan2(y, x) * (sectors / (2 * math.pi))
     near: Any = np.full(sectors, math.inf)

@@ -12,15 +12,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.golden.runs import EVERY, RATE, RUNS, Kept, Numbers, localised, replayed, unpack
+from tests.golden.runs import ARENAS, EVERY, RATE, RUNS, Kept, Numbers, localised, replayed, unpack
 
 pytestmark = pytest.mark.slow
 
 GOLDEN: dict[str, Kept] = json.loads((Path(__file__).parent / "runs.json").read_text(encoding="utf-8"))
 
 
-def named(kind: str) -> list[str]:
-    return [name for name in GOLDEN if name.startswith(f"{kind}/")]
+SELDOM = ("/three-bars", "foreground/two-bars", "/1", *(f"/{arena}/0" for arena in ARENAS if arena != "office"))
+"""Ends of the names of runs that only `make test-long` compares."""
+
+
+def named(kind: str) -> list[Any]:
+    names = [name for name in GOLDEN if name.startswith(f"{kind}/")]
+    return [pytest.param(name, marks=pytest.mark.long) if name.endswith(SELDOM) else name for name in names]
 
 
 def test_every_run_is_recorded() -> None:
@@ -84,13 +89,7 @@ def every_mode(kept: Kept) -> Numbers:
     return np.repeat(*np.array(kept["modes"]).T)
 
 
-OFTEN = ("/office/0", "/explore")
-"""Drives of each controller that every run of the suite compares."""
-
-
-@pytest.mark.parametrize(
-    "name", [name if name.endswith(OFTEN) else pytest.param(name, marks=pytest.mark.long) for name in named("drive")]
-)
+@pytest.mark.parametrize("name", named("drive"))
 def test_drive(name: str) -> None:
     """See `drives_alike` and `maps_alike`."""
     found = RUNS[name](GOLDEN[name])
@@ -109,9 +108,9 @@ def poses_alike(found: Kept, wanted: Kept, until: float) -> None:
 def test_the_beginning_of_localise() -> None:
     """See `test_localise`."""
     golden = GOLDEN["localise/office"]
-    found = localised(golden, 60.0)
-    mostly(unpack(found["wanted"]), unpack(golden["wanted"])[:1800], 0.01, 0.02)
-    poses_alike(found, golden, 60.0)
+    found = localised(golden, 30.0)
+    mostly(unpack(found["wanted"]), unpack(golden["wanted"])[:900], 0.01, 0.02)
+    poses_alike(found, golden, 30.0)
     assert found["submaps"] > 1
 
 

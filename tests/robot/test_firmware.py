@@ -10,7 +10,6 @@ import time
 import numpy as np
 import pytest
 
-from ndtorch.cli.commands import main
 from ndtorch_robot.link.messages import (
     BODY_SIZE,
     VERSION,
@@ -59,6 +58,7 @@ def changed(folder, file, old, new):
 
 
 @needs_board
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -260,14 +260,6 @@ def test_a_main_loop_that_hangs_shortens_no_pulse(line):
     odd = [width for width in widths if abs(width - 1100) > 15 and abs(width - 1500) > 15]
     assert len(odd) <= 1, widths  # the reset may fall into a pulse and end it
     assert widths[-1] == pytest.approx(1500, abs=15)
-
-
-@needs_board
-def test_another_robots_configuration(capsys, tmp_path):
-    config = tmp_path / "car.toml"
-    config.write_text('robot = "lorry"\nlink.kind = "avr-board"\n[simulation]\n')
-    assert main(["check", str(config), "--yes"]) == 2
-    assert "the board is that of the robot 'maxston8', the configuration is for 'lorry'" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -59,11 +59,12 @@ NEEDS_COMPILER = pytest.mark.skipif(
 )
 
 
-@pytest.mark.compiled
-@NEEDS_COMPILER
-def test_compiled_sums_are_the_same() -> None:
+@pytest.mark.parametrize(
+    "backend", ["aot_eager", pytest.param("inductor", marks=[pytest.mark.compiled, pytest.mark.long, NEEDS_COMPILER])]
+)
+def test_compiled_sums_are_the_same(backend: str) -> None:
     module = VisualFeatures((32, 32))
-    compiled = torch.compile(module, dynamic=False)
+    compiled = torch.compile(module, dynamic=False, backend=backend)
     state = fast_state = None
     for frames in noise(6, 3, 32, 32).float().split(2):
         out, state = module(frames, state)

@@ -75,13 +75,8 @@ def standing_out(maps: Tensor, seen: Tensor, inside: Tensor) -> tuple[Tensor, Te
 
 
 def aligned(past: Tensor, velocity: Tensor, apart: float, since: float = 0.0) -> Tensor:
-    """Frames `[B, H, W]`, the latest last, each moved on to where it would be now at that velocity.
-
-    Args:
-        past: the frames.
-        velocity: columns and rows a second.
-        apart: seconds between frames.
-        since: seconds since the latest.
+    """Frames `[B, H, W]`, `apart` seconds from each other and the latest `since` seconds ago, each moved on to where it
+    would be now at that velocity, columns and rows a second.
     """
     count, height, width = past.shape
     age = since + apart * torch.arange(count - 1, -1, -1, dtype=past.dtype)
@@ -119,14 +114,6 @@ def coherent_patches(motion: CoherentMotion, state: CoherentState, criteria: Fat
 
     A peak in the maps names a velocity. Space-time energy at that velocity, at full resolution, tells where it ends:
     where it falls below `edge` of its level. Every pixel belongs to the velocity that explains most of it.
-
-    Args:
-        motion: the detectors.
-        state: theirs.
-        criteria: see there.
-
-    Raises:
-        InputError: a state of several trials.
     """
     c = criteria or FateCriteria()
     if state.past.ndim != 3:

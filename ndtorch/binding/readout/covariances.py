@@ -19,11 +19,8 @@ from ndtorch.vision.temporal import safe_sqrt
 
 
 def columns(covariances: Tensor, first_stage: Tensor) -> tuple[Tensor, Tensor]:
-    """The strongest neuron and its column, int64 `[...]` and `[..., 10]`.
-
-    Args:
-        covariances: of the high-passed signals, `[..., 10, 10]`.
-        first_stage: weights of the first stage, `[10, 10]`.
+    """The strongest neuron `[...]`, int64, and its column `[..., 10]`, of covariances `[..., 10, 10]` of high-passed
+    signals.
     """
     shared = refined(covariances, first_stage)
     owner = shared.diagonal(dim1=-2, dim2=-1).argmax(-1)
@@ -75,13 +72,8 @@ def single_table(
 ) -> ObjectTable:
     """The tables of single objects: one owner and one row in each, none where there is no object.
 
-    Args:
-        covariances: of the high-passed signals, `[..., 10, 10]`.
-        there: whether there is an object, `[...]` bool.
-        first_stage: weights of the first stage, `[10, 10]`.
-        smallest: share of its group's largest that makes a feature.
-        apart: objects of which a group may speak for itself, `[...]` bool; None for none.
-        agrees: correlation with the owner below which it does.
+    Covariances of the high-passed signals are `[..., 10, 10]`, `there` and `apart` are `[...]` bool; `smallest` is the
+    share of its group's largest that makes a feature, `agrees` as in `by_groups`.
     """
     apart = torch.zeros_like(there) if apart is None else apart
     owner, column = by_groups(covariances, first_stage, apart, agrees)

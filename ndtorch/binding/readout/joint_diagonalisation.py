@@ -32,16 +32,8 @@ def without_lighting(separation: Separation, first_stage: Tensor, criteria: Sour
 
 
 def lighting(mixing: Tensor, there: Tensor, first_stage: Tensor, criteria: SourceCriteria) -> Tensor:
-    """Sources that drive all colors and all orientations alike, or none, and hardly move or move every way alike.
-
-    Args:
-        mixing: `[..., S, 10]`, one row a source, through the settled first stage.
-        there: which rows are sources, `[..., S]` bool.
-        first_stage: weights of the first stage, `[10, 10]`.
-        criteria: what is even.
-
-    Returns:
-        Which of them are light that changes everywhere, `[..., S]` bool.
+    """Which sources, `[..., S]` of `mixing` `[..., S, 10]`, are light that changes everywhere: they drive all colors
+    and all orientations alike, or none, and hardly move or move every way alike.
     """
     eye = torch.eye(10, dtype=mixing.dtype, device=mixing.device)
     raw = mixing @ (eye + first_stage.to(mixing.dtype)).mT
@@ -59,15 +51,8 @@ def lighting(mixing: Tensor, there: Tensor, first_stage: Tensor, criteria: Sourc
 def plain_table(
     owners: ObjectTable, weights: Tensor, first_stage: Tensor, criteria: SourceCriteria | None = None
 ) -> ObjectTable:
-    """The owners' table without lighting, and without any owner where there are more than `most_sources`.
-
-    Where almost every signal goes its own way it is noise, and there is nothing to bind.
-
-    Args:
-        owners: the owners' table.
-        weights: of the network, `[..., 10, 10]`.
-        first_stage: weights of the first stage, `[10, 10]`.
-        criteria: see there.
+    """The owners' table without lighting, and without any owner where there are more than `most_sources`: where almost
+    every signal goes its own way it is noise.
     """
     c = criteria or SourceCriteria()
     mixing = weights.mT + torch.eye(10, dtype=weights.dtype, device=weights.device)
@@ -114,12 +99,8 @@ class Separation(NamedTuple):
 
 
 def diagonalise(matrices: Tensor, sweeps: int = 12, enough: float = 1e-6) -> tuple[Tensor, Tensor]:
-    """The rotation that makes symmetric matrices `[B, L, m, m]` as diagonal as they get together, and the results.
-
-    Jacobi rotations of every pair in turn, each at the angle of Cardoso and Souloumiac (1996).
-
-    Returns:
-        V `[B, m, m]`, orthogonal, and `V^T M V`.
+    """The rotation V `[B, m, m]` that makes symmetric matrices `[B, L, m, m]` as diagonal as they get together, and
+    `V^T M V`, by Jacobi rotations at the angle of Cardoso and Souloumiac (1996).
     """
     m = matrices.shape[-1]
     out = matrices.clone()
@@ -149,13 +130,10 @@ LIGHT_MOST = 4
 
 
 def even_light(delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:
-    """The direction of light that changes everywhere, if it is among the sources of covariances `[B, 10, 10]`.
+    """Orientations and colors `[B, 6]`, of unit length, of light that changes everywhere; zeros where it is no source.
 
     All colors change alike then, and all orientations, and nothing moves with them. A direction of such light lies in
     the space of the sources to the last digit, or not at all.
-
-    Returns:
-        Orientations and colors of it, of unit length, zeros where there is none, `[B, 6]`.
     """
     found = delayed.new_zeros(len(delayed), 6)
     plane = delayed.new_zeros(6, 2)
@@ -259,14 +237,8 @@ def sources_of(
 
 
 def unmixed(flat: Tensor, count: Tensor, wide: Tensor, light: Tensor, criteria: SourceCriteria) -> Sources:
-    """So many sources of covariances `[B, L, 10, 10]`, one of which is left out if it is `light` `[B, 6]`.
-
-    Args:
-        flat: covariances, the first without delay.
-        count: how many, `[B]`, light included.
-        wide: whether motion tells them apart too, `[B]` bool.
-        light: as of `even_light`.
-        criteria: for the rotations.
+    """So many sources `count` of covariances `[B, L, 10, 10]`, the first without delay; one is left out if it is
+    `light` `[B, 6]`. Motion tells them apart too where `wide`.
     """
     most, lit = criteria.most_sources, light.abs().amax(-1) > 0
     mixing, unmixing = flat.new_zeros(len(flat), most, 10), flat.new_zeros(len(flat), most, 10)

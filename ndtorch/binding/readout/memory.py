@@ -69,16 +69,8 @@ def remember(
     keep: float,
     changed: Tensor,
 ) -> AnswerMemory:
-    """The memory after one more answer.
-
-    Args:
-        memory: before it.
-        table: the answer, of one trial or a batch.
-        margin: how clear its number is, `[...]`.
-        weight: of the answer, above 0 to 1, `[...]`.
-        steps: time steps so far.
-        keep: what is left of an answer when the next one comes.
-        changed: whether the scene has: votes for other numbers are then `BEFORE` of what they were, `[...]` bool.
+    """The memory after one more answer of weight 0 to 1, when `keep` is left of those before. Where the scene has
+    `changed`, votes for other numbers are `BEFORE` of what they were.
     """
     number = table.owners.sum(-1)
     vote = torch.nn.functional.one_hot(number, MOST + 1).to(memory.votes.dtype)

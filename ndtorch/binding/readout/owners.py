@@ -82,14 +82,8 @@ def signal_statistics(
 ) -> RunningCovariances:
     """What `owner_table` looks at: covariances of signals and of their differences from sample to sample.
 
-    Everything that the read-out wants to know of outputs `o = X y` follows from that of y: their covariance is
-    `X C X^T`, so one memory serves whatever the weights are now.
-
-    Args:
-        dt: time step in seconds.
-        tau: memory, seconds.
-        tau_high: high-pass on the signals, seconds.
-        every: time between updates, seconds.
+    Everything that the read-out wants to know of outputs `o = X y` follows from that of y: their covariance is `X C
+    X^T`, so one memory serves whatever the weights are now. All times are in seconds.
     """
     return RunningCovariances(dt, (tau,), (0.0,), tau_high, differences=True, every=every)
 

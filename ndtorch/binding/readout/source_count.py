@@ -78,11 +78,6 @@ def unexplained(plain: Tensor, delayed: Tensor, count: Tensor, limits: SumCriter
 
     Bars alike in color and orientation are one source of those, and two of motion. Motion holds brightness times
     itself, a little of which no source explains; and noise, beside which this is not asked.
-
-    Args:
-        plain, delayed: covariances without and at the shortest delay, `[B, 10, 10]`.
-        count: of the sources, `[B]`.
-        limits: see there.
     """
     found = torch.zeros(len(delayed), dtype=torch.bool)
     motion = GROUPS["motion"]
@@ -123,16 +118,8 @@ LEAST_PRODUCT = 1e-6
 
 
 def undisturbed(statistics: CovarianceState, tau: float, piece: float, limits: SumCriteria) -> Tensor:
-    """Covariances of the stretches of time without disturbance, the latest with the most weight.
-
-    Args:
-        statistics: with pieces `[..., P, L, 10, 10]`, the second delay the shortest.
-        tau: the memory, seconds.
-        piece: length of a piece, seconds.
-        limits: of what is left out.
-
-    Returns:
-        `[..., L, 10, 10]`, as strong as a memory of all of them.
+    """Covariances `[..., L, 10, 10]` of the stretches of time without disturbance, the latest with the most weight
+    (`tau`), as strong as a memory of all of them.
     """
     held, age = statistics.held, statistics.age.unsqueeze(-1)
     pieces = statistics.pieces / held.clamp_min(1)[:, None, None, None]
@@ -155,13 +142,8 @@ def undisturbed(statistics: CovarianceState, tau: float, piece: float, limits: S
 
 
 def beside_colors(delayed: Tensor, weight: Tensor, there: Tensor, limits: SumCriteria) -> Tensor:
-    """Which pieces hold no more beside the colors than most do, `[..., P]` bool.
-
-    Args:
-        delayed: covariances at the shortest delay, of motion, orientations and colors, `[..., P, 10, 10]`.
-        weight: of those that are kept, `[..., P]`.
-        there: which hold anything, `[..., P]` bool.
-        limits: see there.
+    """Which pieces `[..., P]` hold no more beside the colors than most do, by covariances `[..., P, 10, 10]` at the
+    shortest delay and their weights.
     """
     orientation, color = GROUPS["orientation"], GROUPS["color"]
     whole = (weight[..., None, None] * delayed).sum(-3) / weight.sum(-1).clamp_min(1e-12)[..., None, None]
@@ -195,10 +177,6 @@ def motion_residual(products: CovarianceState) -> Tensor:
     A motion detector multiplies brightness with its own past. So the motion of bars is a fixed mixture of such products
     of each bar's brightness, and that of colors' while there are as many directions of colors as bars, also where bars
     pass each other. One bar more, and colors do not know the brightness of any.
-
-    Args:
-        products: of motion, colors, delayed colors, and all products of these two, `[..., M, L, 19, 19]`, at the
-            shortest delay.
     """
     held = products.covariances[..., 0, 0, :, :].double()
     deviation = held.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
@@ -222,13 +200,8 @@ def source_bound(statistics: CovarianceState, motion: Tensor, limits: SumCriteri
 
     Colors add up exactly, also where bars cover each other: as many directions as bars of different color. Orientations
     do not, since filters reach over several bars: bars that pass each other make further directions without a further
-    bar. So motion says whether there are more sources than colors. How many more, orientations say: a bar
-    fluctuates in every second, bars pass each other in some.
-
-    Args:
-        statistics: with pieces `[..., P, L, 10, 10]`, the second delay the shortest.
-        motion: `motion_residual`, `[...]`.
-        limits: see there.
+    bar. So motion says whether there are more sources than colors. How many more, orientations say: a bar fluctuates in
+    every second, bars pass each other in some.
     """
     orientation, color = GROUPS["orientation"], GROUPS["color"]
     held = statistics.held.to(statistics.pieces.dtype)
@@ -258,14 +231,8 @@ def source_bound(statistics: CovarianceState, motion: Tensor, limits: SumCriteri
 
 
 def quietest(delayed: Tensor, held: Tensor, share: float) -> Tensor:
-    """Covariance of orientations beside colors in the pieces that hold least of it, `[..., 3, 3]`.
-
-    Colors are fitted to these pieces alone (least trimmed squares).
-
-    Args:
-        delayed: covariances of every piece, `[..., P, 10, 10]`.
-        held: updates in it, `[P]`.
-        share: of the pieces.
+    """Covariance `[..., 3, 3]` of orientations beside colors in the `share` of pieces that hold least of it; colors are
+    fitted to these pieces alone (least trimmed squares).
     """
     orientation, color = GROUPS["orientation"], GROUPS["color"]
     count = max(1, math.ceil(share * int((held > 0).sum())))
@@ -281,13 +248,8 @@ def quietest(delayed: Tensor, held: Tensor, share: float) -> Tensor:
 
 
 def beside(delayed: Tensor, colors: Tensor, shared: Tensor, share: float = RIDGE) -> Tensor:
-    """Covariances of orientations in every piece `[..., P, 3, 3]` less what colors explain.
-
-    Args:
-        delayed: `[..., P, 10, 10]`.
-        colors: covariance of the colors, `[..., 3, 3]`.
-        shared: of colors with orientations, `[..., 3, 3]`.
-        share: of the colors' power that is added to each of them.
+    """Covariances of orientations in every piece `[..., P, 3, 3]` less what colors explain; `share` of the colors'
+    power is added to each of them.
     """
     orientation, color = GROUPS["orientation"], GROUPS["color"]
     power = colors.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]

@@ -158,17 +158,8 @@ def sums_table(
 ) -> Answer:
     """The objects: sources of the long memory that are still there, or fewer if only a shorter one sees some leave.
 
-    The network's table stays where it counts as many and two sources have the same delay profile.
-
-    Args:
-        owners: the owners' table.
-        weights: of the network, `[..., 10, 10]`.
-        statistics: state of `SumStatistics`.
-        first_stage: weights of the first stage, `[10, 10]`.
-        criteria, limits: what a source must have.
-        smallest: share of its group's largest that makes a feature.
-        tau, piece: the long memory, and what it is of, seconds.
-        bound: of the number, if it is known already.
+    The network's table stays where it counts as many and two sources have the same delay profile. `smallest` is the
+    share of its group's largest that makes a feature, `bound` that of the number, if it is known already.
     """
     c, limit = criteria or SourceCriteria(), limits or SumCriteria()
     recent, fast = statistics.all.covariances.unbind(-4)
@@ -224,10 +215,8 @@ def present_sources(
     limits: SumCriteria,
     bound: Bound,
 ) -> tuple[Separation, Tensor]:
-    """Sources in covariances `[..., L, 10, 10]`, within `bound`, that are still in the recent ones, without lighting.
-
-    Returns:
-        What was found, through the settled first stage, and whether one had left, `[...]` bool.
+    """Sources in covariances `[..., L, 10, 10]`, within `bound`, that are still in the recent ones, without lighting,
+    through the settled first stage; and whether one had left, `[...]` bool.
     """
     scale = spread_groups(group_max(covariances[..., 0, :, :].diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()))
     unit = (scale.unsqueeze(-1) * scale.unsqueeze(-2)).unsqueeze(-3)

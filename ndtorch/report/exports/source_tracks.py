@@ -179,14 +179,8 @@ def enlarged(
     moved: Floats,
     full: tuple[int, int],
 ) -> Placed | None:
-    """A mask of the working image, `small`, in pixels of the source; None where nothing is inside the picture.
-
-    Args:
-        top, left, crop: the mask.
-        size: of the frames that the model got.
-        to: from these to the source.
-        moved: columns and rows to move it by.
-        full: size of the frames of the source.
+    """A mask of the working image, `small`, in pixels of the source, moved by columns and rows; None where nothing is
+    inside the picture. `to` leads from frames of `size` to those of the source, `full`.
     """
     import cv2
 

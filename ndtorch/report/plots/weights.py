@@ -92,13 +92,8 @@ def draw_weights_over_time(result: RunResult, path: str | Path) -> Path:
 
 
 def draw_matrix(axes: Axes, values: Floats, top: float, empty: str = "all weights are zero") -> AxesImage:
-    """A 10 x 10 matrix with the names of the features, its groups apart and its large values in the cells.
-
-    Args:
-        axes: where to draw.
-        values: `[10, 10]`, `values[n, k]` the weight from neuron k to neuron n.
-        top: value of the darkest color; cells of a third of it and more show their value.
-        empty: what is written where there is nothing.
+    """A 10 x 10 matrix with the names of the features: `values[n, k]` is the weight from neuron k to neuron n. Cells of
+    a third of `top` and more show their value; `empty` is written where there is nothing.
     """
     picture = axes.imshow(values, cmap="Blues", vmin=0, vmax=top, aspect="auto")
     axes.set_xticks(range(10), FEATURES, rotation=45, fontsize=9)

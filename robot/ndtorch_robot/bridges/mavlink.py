@@ -78,10 +78,8 @@ class MavlinkBridge(Bridge):
 
 
 def sector_distances(x: npt.NDArray[Any], y: npt.NDArray[Any]) -> list[int]:
-    """The distances of an OBSTACLE_DISTANCE, cm: sector 0 is ahead, and they go on clockwise.
-
-    Args:
-        x, y: obstacles in the frame of the body, x ahead and y to the left, m.
+    """Distances of an OBSTACLE_DISTANCE, cm, clockwise from ahead, of obstacles in the frame of the body, m (y to the
+    left).
     """
     near = nearest_by_sector(x, -y, SECTORS)
     return [UNKNOWN if math.isinf(distance) else min(round(100 * distance), UNKNOWN - 1) for distance in near.tolist()]

@@ -24,14 +24,8 @@ SEEN = Callable[[int, View], None]
 def collect(
     cameras: StereoCameras, board: Board, count: int, seconds: float, seen: SEEN, keep: Path | None = None
 ) -> list[View]:
-    """Look until there are `count` different views of the board, for `seconds` at most.
-
-    Args:
-        seen: called with the number of views so far and the newest one.
-        keep: folder whose `left` and `right` get the images used.
-
-    Returns:
-        The views; fewer than wanted when the time was up or a file ended.
+    """Look for `seconds` at most until there are `count` different views of the board; `seen` is told their number and
+    the newest one, and `keep/left` and `keep/right` get the images used.
     """
     views: list[View] = []
     until = time.monotonic() + seconds

@@ -126,14 +126,8 @@ class CameraMonitor:
             check.reset()
 
     def check(self, frames: StereoFrames, speed: float, curvature: float = 0.0, commanded: float = 0.0) -> None:
-        """Check new frames.
-
-        Args:
-            speed, curvature: of the car since the last frames, m/s and 1/m.
-            commanded: the speed that it was sent, m/s.
-
-        Raises:
-            CameraError: what is wrong.
+        """Raise `CameraError` where new frames are wrong; speed and curvature (m/s, 1/m) are of the car since the last
+        ones, `commanded` is what it was sent.
         """
         self.update_odometry(frames.time, speed, curvature, commanded)
         strips = self.strips(frames.left, 0), self.strips(frames.right, 1)

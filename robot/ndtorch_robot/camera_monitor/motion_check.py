@@ -50,14 +50,8 @@ def is_unchanged(now: Snapshot, before: Snapshot, limits: CameraLimits) -> bool:
 def is_frozen(
     images: tuple[Snapshot, Snapshot], k: int, history: Sequence[View], here: tuple[float, float], limits: CameraLimits
 ) -> bool:
-    """Whether camera `k` shows the same as before a small motion of the car, while the other one shows much else.
-
-    Both see the same floor: a camera with at least half of the other's contrast must have changed too.
-
-    Args:
-        images: what both show now.
-        history: views while the car moved, the oldest first.
-        here: metres driven and radians turned so far.
+    """Whether camera `k` shows the same as before a small motion of the car, while the other one shows much else: with
+    at least half of the other's contrast it must have changed too. `here`: metres driven and radians turned so far.
     """
     own, other = images[k], images[1 - k]
     if own.statistics.field_contrast < 0.5 * other.statistics.field_contrast:

@@ -115,10 +115,8 @@ def is_new_view(position: Position | None, before: Position | None) -> bool:
 def correlations(
     left: Floats, right: Floats, reach: int, limits: CameraLimits, mirrored: int = MAX_MIRRORED_DISPARITY // BLOCK
 ) -> tuple[Floats, Floats, Floats]:
-    """Best correlations of those patches of a left row of block means that have texture.
-
-    Returns:
-        With a match up to `reach` blocks to the left, to the right, and up to `mirrored` blocks away when mirrored.
+    """Best correlations of those patches of a left row of block means that have texture, with a match up to `reach`
+    blocks to the left, to the right, and up to `mirrored` blocks away when mirrored.
     """
     found = np.empty((3, len(left) // (PATCH // 2)), np.float32)
     count = best_correlations(left, right, PATCH, reach, mirrored, limits.row_contrast_levels, FLAT, SOFT, found)

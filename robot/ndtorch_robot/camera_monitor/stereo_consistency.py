@@ -162,14 +162,8 @@ def clarity(field: Floats) -> float:
 
 
 def wall_correlation(left: Floats, right: Floats, offset: int = 0, reach: int = MAX_DISPARITY) -> tuple[float, float]:
-    """Best correlation of a patch of the left subfield with the same rows of the right one, farther to the left.
-
-    Args:
-        offset: columns by which the left subfield begins farther to the right.
-        reach: pixels.
-
-    Returns:
-        At any disparity, and at disparities above `reach`.
+    """Best correlations of a patch of the left subfield, which begins `offset` columns farther to the right, with the
+    same rows of the right one: at any disparity, and above `reach` pixels.
     """
     ours, theirs = left[::STEP], right[::STEP]
     rows, wide = ours.shape

@@ -92,11 +92,8 @@ class Floor:
         return PATTERNS[self.pattern][2]
 
     def light(self, x: Floats, y: Floats, texel: float, rng: np.random.Generator) -> Floats | None:
-        """Brightness `[rows, columns]` as a factor, None where it is 1 everywhere.
-
-        Args:
-            x, y: middles of the columns and of the rows, m.
-            texel: their width, m.
+        """Brightness `[rows, columns]` as a factor at those middles, m, of texels of that width; None where it is 1
+        everywhere.
         """
         light = self.material(x, y, texel, rng)
         for lamp in self.lamps:

@@ -64,7 +64,7 @@ def test_three_equal_bars_are_three_objects() -> None:
     """Claim C8 [C §5.5.2]: wide-field sums see one object, fields see three."""
     module, state = ndtorch.load("retinotopic"), None
     with torch.inference_mode():
-        for frames in equal_bars(seconds=12).chunks(8):
+        for frames in equal_bars(seconds=8).chunks(8):
             _, state = module(frames, state)
     found = module.objects(state)
     assert len(found) == 3
@@ -73,5 +73,5 @@ def test_three_equal_bars_are_three_objects() -> None:
     for thing in found:
         assert thing.place is not None
         assert all(0 <= at <= 500 for at in thing.place)
-        assert 0 <= thing.first_seen < 3 < 11 < thing.last_seen < 12
+        assert 0 <= thing.first_seen < 3 < 7 < thing.last_seen < 8
     assert module.visible_objects(state) != []

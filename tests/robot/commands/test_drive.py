@@ -7,6 +7,10 @@ import pytest
 
 import ndtorch_robot.car
 from ndtorch.cli.commands import main
+from ndtorch.errors import InputError
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import check_goal
+from ndtorch_robot.sim.arenas import load_arena
 
 MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
 PICTURES = ["map.png", "path.png", "rows.png", "speeds.png"]
@@ -79,3 +83,15 @@ def test_ctrl_c(tmp_path, capsys, monkeypatch):
     assert main(["drive", "--out", str(tmp_path)]) == 130
     assert "(interrupted)" in capsys.readouterr().out
     assert sorted(p.name for p in tmp_path.iterdir()) == [name for name in FILES if name not in PICTURES]
+
+
+def test_a_goal_outside_of_the_building_or_in_a_wall_is_refused() -> None:
+    plan = load_arena("room", 100)
+    left, right, bottom, top = plan.bounds
+    places = np.random.default_rng(0).uniform((left, bottom), (right, top), (200, 2))
+    free = places[plan.clearance(places).argmax()]
+    check_goal(DriveConfig(arena="room", controller="goal", goal="{:.2f},{:.2f}".format(*free)), plan)
+    check_goal(DriveConfig(arena="room", controller="goal"), plan)
+    for x, y in ((right + 3, 0.0), (left - 40, bottom - 40), (right, top)):
+        with pytest.raises(InputError, match="no free place of room"):
+            check_goal(DriveConfig(arena="room", controller="goal", goal=f"{x},{y}"), plan)

@@ -55,11 +55,8 @@ class Effect:
     """What a disturbance does during one drive. A subclass overrides the methods that it needs."""
 
     def image(self, pixels: torch.Tensor, time: float, row_times: Floats) -> torch.Tensor:
-        """A part `[1, 3, h, w]` uint8 of a frame as the sensor gives it.
-
-        Args:
-            time: of the middle of the frame, s.
-            row_times: when each row of the part was read, `[h]`, s.
+        """A part `[1, 3, h, w]` uint8 of a frame, taken about `time`, as the sensor gives it; each of its rows was read
+        at its own time, s.
         """
         return pixels
 
