@@ -5,9 +5,12 @@ What is full is made by the limit on the size of a file: it holds for whatever w
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
+import resource
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -16,8 +19,19 @@ import pytest
 
 from ndtorch.cli.commands import installed, main
 from ndtorch.utils.packages import toml_file
-from tests.full_disk import full_disk
 from tests.fuzz.targets import CORPUS
+
+
+@contextlib.contextmanager
+def full_disk(most: int) -> Iterator[None]:
+    """No file grows beyond so many bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
 
 SWEEP = 'kind = "binding"\n[vary]\ngamma = [0.5, 5.0]\n[fixed]\nseconds = 0.2\n'
 

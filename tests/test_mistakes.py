@@ -1,25 +1,230 @@
-"""What a user gets who makes a mistake: one line that names what was typed, the exit code 2, and no file."""
+"""What a user gets who makes a mistake: one line that names what was typed, the exit code 2, and no file.
+
+A case is what is typed after `ndtorch`, in a folder with the files that `prepare` makes, and behind `=>` words that the
+answer holds.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
 import re
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
-from tests import mistakes
+from ndtorch.cli.commands import main
+
+CASES = {
+    "Commands and options": """
+        bnid two-bars
+        bindd two-bars => did you mean bind?
+        bind two-bars extra
+        bind two-bars --modle published => did you mean --model?
+        bind two-bars --seconds
+        bind two-bars --seconds ten
+        bind two-bars --seconds -3
+        bind --start 1.5
+        drive --seeds 3
+        drive --seed 1.5
+        evaluate --seeds a b
+        render
+        sweep
+        run
+        benchmark scenes --json=yes
+    """,
+    "Sources, scenes and models": """
+        bind two-barz => did you mean two-bars?
+        bind clpi.avi => did you mean clip.avi?
+        bind nowhere/at-all.mp4
+        bind empty.mp4
+        bind text.mp4
+        bind one.png
+        bind sizes
+        bind void
+        bind camera:x
+        bind two-bars --model publishd => did you mean published?
+        bind two-bars --model foregroun
+        bind two-bars --model ./void
+        bind two-bars --model foreground --rule hebbian
+        bind two-bars --model video => the model video is gone; foreground does its job
+        bind two-bars --model published --rule hebian => did you mean hebbian?
+        bind two-bars --rule scale-free => --model scale-free
+        bind two-bars --model scale-free --order printed => --order is an option of published
+        bind clip.avi --gamma 1 => --gamma is an option of published, scale-free; the model is foreground
+        bind clip.avi --fit stretch => the model is foreground
+        bind clip.avi --front-end on => --model foreground
+        bind clip.avi --front-end off => --model published
+        bind two-bars --mask => --mask is an option of foreground
+        bind two-bars --gamma -1
+        bind two-bars --gamma nan
+        bind two-bars --gamma 1e300 => --gamma must be
+        bind two-bars --order last
+        bind two-bars --seconds nan
+        bind two-bars --settle 1e15 => --settle must be
+        bind two-bars --settle nan => --settle must be
+        bind two-bars --seed -1 => --seed must be
+        bind two-bars --fps -5
+        bind two-bars --phase inf
+        bind two-bars --first-stage-radius 1.5
+        bind two-bars --device abacus
+        bind two-bars --device cpu:7 => there is one cpu
+        bind two-bars --device meta => 'meta' cannot be used
+        bind two-bars --start 10
+        bind two-bars --fit squash
+        bind clip.avi --phase 90
+        bind clip.avi --start 500
+        bind clip.avi --fps 0
+        bind two-bars --pictures -1
+        bind two-bars --front-end on
+        bind two-bars --resume text.mp4
+        bind two-bars --out text.mp4
+        bind two-bars --out /proc/nothing
+        render three-bras x.mp4 => did you mean three-bars?
+        render two-bars x.gif
+        render two-bars text.mp4
+        render two-bars text.mp4/x.mp4 => Not a directory
+        render two-bars void => exists
+        render two-bars x.mp4 --seconds 0
+        render two-bars x.mp4 --seconds 1e300 => --seconds
+        render two-bars x.mp4 --fps 1e300 => --fps must be a number from 0 to 100000
+    """,
+    "Drives": """
+        drive --arena halway => did you mean hallway?
+        drive --arena bad.toml
+        drive --arena nowhere.toml => no such file
+        drive --controller rangin => did you mean ranging?
+        drive --controller pid
+        drive --odometry nosy => did you mean noisy?
+        drive --walls blnk
+        drive --seconds 0
+        drive --seconds nan
+        drive --seconds 1e99
+        drive --seed -1 => --seed must be
+        drive --features 0 => features must be a whole number
+        drive --feature-position moton => did you mean motion?
+        drive --compiled => --compiled is gone: steps are always compiled
+        drive --goal 3
+        drive --controller goal --goal 90,0
+        drive secnods.toml => did you mean seconds?
+        drive kind.toml
+        drive old.toml => compiled is gone: steps are always compiled
+        drive text.mp4 => not a TOML file
+        drive nowhere.toml => no such file
+        drive --out text.mp4
+        drive --seconds 1 --rrd /proc/nothing/run.rrd => cannot write the recording
+        drive --out /proc/nothing => cannot write there
+        evaluate --arenas rom => did you mean room?
+        evaluate --controllers gaol => did you mean goal?
+        evaluate --walls blnk => did you mean blank?
+        evaluate --seeds => --seeds and --walls need one value or more
+        evaluate --seeds -1
+        evaluate --seconds 0
+        evaluate --jobs -2 => --jobs must be 1 or more
+        evaluate --arenas room --out /proc/nothing => cannot write there
+        evaluate nowhere.toml => no such file
+        barn worlds.json
+        barn worlds.json --split al => did you mean all?
+        barn text.mp4
+        replay void
+        replay nowhere
+    """,
+    "A car": """
+        run maxston8 => did you mean maxstone8?
+        run car.toml
+        run sim --seconds -1
+        run sim --seconds 0 => --seconds must be positive
+        run sim --seconds nan => --seconds must be a number
+        run maxstone8 --disturbance noise => this car has cameras
+        run sim --save-map map => --save-map needs a map
+        guard sim => nobody gives a command
+        guard sim --arenas office => or --arenas to be judged in
+        guard sim --seconds -1 => --seconds must be
+        check simm => did you mean sim?
+        calibrate void void
+        calibrate nowhere also-nowhere
+        calibrate void void --columns 1
+        calibrate void void --square-mm 0
+        cameras nowhere.mp4 nowhere.mp4
+        cameras a b --rate 25 => --rate is now --fps
+        cameras a b --exposure=5 => --exposure is now --exposure-ms
+        cameras a b --tolerance 5 => --tolerance is now --tolerance-ms
+    """,
+    "Training, scores and sweeps": """
+        first-stage --gamma 0
+        first-stage --radius 2
+        benchmark scenes --methods scalefree => did you mean scale-free?
+        benchmark scenes --seconds 1000
+        benchmark scenes --scenes 0 => --scenes must be a number from 1
+        benchmark hard --scenes -1
+        benchmark scenes --split tuen => did you mean tune?
+        benchmark foreground void
+        benchmark foreground . --methods mog2-norfare => did you mean mog2-norfair?
+        sweep bindin => did you mean binding?
+        sweep gama.toml
+        sweep binding --jobs 0
+        sweep binding --cluster a b
+        reproduce BB5 => did you mean B5?
+        reproduce --jobs -1
+        reproduce A3 --clip nowhere.mp4
+    """,
+}
+"""What is typed, under headings."""
+
+
+def cases() -> list[tuple[str, str]]:
+    """What is typed, and words of the answer."""
+    lines = [line.strip().partition(" => ") for lines in CASES.values() for line in lines.strip().splitlines()]
+    return [(typed, words) for typed, _, words in lines]
+
+
+def prepare(folder: Path) -> None:
+    """The files that the cases name."""
+    for name in ("void", "sizes"):
+        (folder / name).mkdir()
+    (folder / "empty.mp4").write_bytes(b"")
+    (folder / "text.mp4").write_text("this is no video\n")
+    for number, size in enumerate((48, 64)):
+        cv2.imwrite(str(folder / "sizes" / f"{number}.png"), np.zeros((size, size, 3), np.uint8))
+    cv2.imwrite(str(folder / "one.png"), np.zeros((48, 48, 3), np.uint8))
+    writer = cv2.VideoWriter(str(folder / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
+    for shade in range(20):
+        writer.write(np.full((48, 64, 3), 10 * shade, np.uint8))
+    writer.release()
+    (folder / "secnods.toml").write_text("secnods = 3\n")
+    (folder / "kind.toml").write_text('seconds = "three"\n')
+    (folder / "old.toml").write_text("compiled = true\n")
+    (folder / "bad.toml").write_text("rooms = [[0, 0, 4]]\n")
+    (folder / "car.toml").write_text("[limmits]\nspeed = 1\n")
+    (folder / "gama.toml").write_text("[vary]\ngama = [1]\n")
+    (folder / "worlds.json").write_text('{"worlds": 3}\n')
+
+
+def said(words: str) -> tuple[int, str]:
+    """The exit code of a command, and what it says on stderr."""
+    error = io.StringIO()
+    with contextlib.redirect_stderr(error), contextlib.redirect_stdout(io.StringIO()):
+        try:
+            code = main(words.split())
+        except SystemExit as end:
+            code = int(end.code or 0)
+    lines = error.getvalue().replace(f"{Path.cwd()}{os.sep}", "").splitlines(keepends=True)
+    return code, "".join(line for line in lines if not line.startswith("note:"))  # of others that compile at once
 
 
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
-    mistakes.prepare(tmp_path)
+    prepare(tmp_path)
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize(("typed", "words"), mistakes.cases())
+@pytest.mark.parametrize(("typed", "words"), cases())
 def test_a_mistake_is_one_line(typed: str, words: str, tmp_path: Path) -> None:
     before = sorted(tmp_path.rglob("*"))
-    code, line = mistakes.said(typed)
+    code, line = said(typed)
     assert code == 2, line
     assert line.startswith("error: ")
     assert line.count("\n") == 1

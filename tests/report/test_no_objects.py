@@ -18,7 +18,7 @@ from ndtorch.report.mask_store import MaskStore
 from ndtorch.report.no_objects import advice
 from ndtorch.run.result import RunResult
 from ndtorch.run.watchers import Picture
-from tests.report.test_words import CAR, run_of
+from tests.report.test_page import CAR, run_of
 
 FOLDER = Path(__file__).parents[3] / "shared" / "data" / "video"
 RNG = np.random.default_rng(5)

@@ -1,7 +1,9 @@
-"""The loop: frames go through any model once and in order, watchers see what they should, and it stops cleanly."""
+"""A model over a source, and the options of a run."""
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +11,7 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
+from ndtorch.run.options import KNOWN_BY, BindJob, check_options, check_resume, default_model, flag
 from ndtorch.run.pictures import PictureMaker
 from ndtorch.run.run import run_model
 from ndtorch.run.watchers import Picture, Watcher
@@ -90,3 +93,45 @@ def test_what_is_soon_a_part_of_another_object_has_no_number() -> None:
         labels[0, 2, 2] = 9 if n > 12 else 0
         maker.appeared(SimpleNamespace(labels=labels, mask=labels > 0, time=torch.tensor([n / 10])))
     assert maker.numbers == {4: 1, 8: 2}
+
+
+VALUES: dict[str, Any] = {
+    "rule": "hebbian",
+    "order": "printed",
+    "gamma": 1.0,
+    "settle": 1.0,
+    "first_stage_radius": 0.5,
+    "fit": "stretch",
+}
+
+
+def test_the_default_model_is_that_of_the_kind_of_source() -> None:
+    assert default_model("two-bars") == "scale-free"
+    for place in ("clip.mp4", "frames", "camera:0", "rtsp://10.0.0.1/stream"):
+        assert default_model(place) == "foreground"
+
+
+@pytest.mark.parametrize("option", sorted(KNOWN_BY))
+@pytest.mark.parametrize("model", ["published", "scale-free", "retinotopic", "foreground"])
+def test_a_model_takes_its_own_options_and_names_the_models_of_others(option: str, model: str) -> None:
+    job = BindJob(**{option: VALUES[option]})
+    if model in KNOWN_BY[option]:
+        check_options(job, model)
+        return
+    with pytest.raises(InputError) as error:
+        check_options(job, model)
+    assert str(error.value) == f"{flag(option)} is an option of {', '.join(KNOWN_BY[option])}; the model is {model}"
+
+
+def test_a_resumed_run_keeps_its_model_its_source_and_its_making() -> None:
+    job = BindJob(resume=Path("out/run"))
+    check_resume(job, "clip.mp4", None, "foreground")
+    check_resume(dataclasses.replace(job, source="clip.mp4"), "clip.mp4", "foreground", "foreground")
+    for options, asked, word in (
+        ({"settle": 1.0}, None, "--settle"),
+        ({"fit": "stretch"}, None, "--fit"),
+        ({"source": "other.mp4"}, None, "other.mp4"),
+        ({}, "published", "published"),
+    ):
+        with pytest.raises(InputError, match=word):
+            check_resume(dataclasses.replace(job, **options), "clip.mp4", asked, "foreground")

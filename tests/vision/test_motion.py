@@ -1,14 +1,19 @@
-"""Hassenstein-Reichardt detectors against explicit loops, and their conventions of direction."""
+"""Directed, coherent and non-directional motion."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from torch.autograd import gradcheck
 
-from ndtorch.vision import HassensteinReichardt
+from ndtorch.vision import CoherentMotion, CoherentParams, HassensteinReichardt
+from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, row_shift
 from ndtorch.vision.motion import BORDERS, Border
+from ndtorch.vision.nondirectional import NDS, NDMin, NDMinus, spatial_maximum
 from tests.strategies import noise
 
 LEFT, RIGHT, DOWN, UP = range(4)
@@ -94,3 +99,120 @@ def test_gradients_of_images_and_sums(border: Border) -> None:
         return module.sums(high, delayed)
 
     assert torch.autograd.gradcheck(sums, (frames[:, 0],))
+
+
+FEW = CoherentParams(kept=0.5, fastest=27.0, step=13.5)
+
+
+def drift(step: tuple[int, int], frames: int = 16, size: tuple[int, int] = (48, 60)) -> torch.Tensor:
+    """Random dots that move by `step` columns and rows a frame, `[T, 1, H, W]`."""
+    dots = (torch.rand(size, generator=torch.Generator().manual_seed(0)) < 0.05).float()
+    return torch.stack([dots.roll((n * step[1], n * step[0]), (0, 1)) for n in range(frames)]).unsqueeze(1)
+
+
+@pytest.mark.parametrize("step", [(1, 0), (0, -1), (-1, 1)])
+def test_the_peak_is_at_the_velocity(step: tuple[int, int]) -> None:
+    motion = CoherentMotion((48, 60), 0.04)
+    maps = motion.maps(motion.advance(drift(step)))
+    best = motion.velocities[maps.flatten(1).mean(1).argmax()]
+    nearest = (motion.velocities - 25 * torch.tensor(step)).norm(dim=-1).argmin()
+    assert best.tolist() == motion.velocities[nearest].tolist()
+
+
+def test_what_moves_together_is_much_and_what_does_not_is_little() -> None:
+    # Dots are 27 pixels a second on, which the grid holds; others are drawn anew in every frame.
+    motion = CoherentMotion((48, 60), 1 / 27, FEW)
+    anew = (torch.rand(30, 1, 48, 60, generator=torch.Generator().manual_seed(1)) < 0.05).float()
+    (which,) = (motion.velocities == torch.tensor([27.0, 0.0])).all(1).nonzero()[0].tolist()
+    together, apart = (motion.maps(motion.advance(frames))[which] for frames in (drift((1, 0), 30), anew))
+    assert float(together[:, 3:].amin()) > 0.5
+    assert float(apart.abs().amax()) < 0.25
+
+
+def test_chunks_and_batches_give_the_same() -> None:
+    motion = CoherentMotion((48, 60), 0.04, FEW)
+    frames = torch.stack([drift((1, 0), 8), drift((0, 1), 8)])
+    whole, last = motion(frames)
+    first, state = motion(frames[:, :3])
+    second, state = motion(frames[:, 3:], state)
+    torch.testing.assert_close(torch.cat([first, second], 1), whole)
+    torch.testing.assert_close(motion.maps(motion.advance(frames[1])), whole[1, -1])
+    assert int(last.steps) == int(state.steps) == 8
+
+
+SENSORS = [NDMin(), NDMinus(), NDS(), NDS(tau_low=0.02), ChahlSrinivasan()]
+
+
+def video(*shape, dtype=torch.float32, seed=0):
+    return torch.rand(*shape, dtype=dtype, generator=torch.Generator().manual_seed(seed))
+
+
+def by_hand(x, high=0.005, dt=1 / 30):
+    """The high-pass as a scalar recursion in Python, pixel by pixel."""
+    share, out = dt / (high + dt), []
+    low = list(x[0])
+    for sample in x:
+        low = [old + share * (new - old) for new, old in zip(sample, low, strict=True)]
+        out.append([new - old for new, old in zip(sample, low, strict=True)])
+    return out
+
+
+def test_values():
+    x = video(6, 1, 1, 8, dtype=torch.float64)
+    high = by_hand(x[:, 0, 0].tolist())
+    nd_min, nd_minus, nds = (s(x)[0][:, 0, 0].tolist() for s in (NDMin(), NDMinus(), NDS()))
+    for t in range(6):
+        for n in range(8):
+            before, here, after = (high[t][min(max(k, 0), 7)] for k in (n - 1, n, n + 1))
+            assert nd_min[t][n] == pytest.approx(here, abs=1e-12)
+            assert nd_minus[t][n] == pytest.approx(here - (before + after) / 2, abs=1e-12)
+            if 0 < n < 7:
+                assert nds[t][n] == pytest.approx(before + here + after, abs=1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0, 1))
+def test_static_scene_is_zero(seed, tau):
+    x = video(1, 1, 3, 8, seed=seed).expand(5, 1, 3, 8)
+    for sensor in (NDMin(tau), NDMinus(tau), NDS(tau, tau)):
+        assert sensor(x)[0].abs().max() == 0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_nd_minus_ignores_uniform_flicker(seed):
+    x = video(6, 1, 1, 1, seed=seed).expand(6, 1, 3, 8)
+    assert NDMinus()(x)[0].abs().max() == 0
+    assert NDMin()(x)[0].abs().max() > 0
+
+
+@pytest.mark.parametrize("sensor", SENSORS, ids=lambda s: type(s).__name__)
+def test_gradients_and_precision(sensor):
+    x = video(3, 1, 1, 6, dtype=torch.float64)
+    assert gradcheck(lambda y: sensor(y)[0], (x.requires_grad_(),))
+    torch.testing.assert_close(sensor(x.float())[0].double(), sensor(x)[0], atol=1e-5, rtol=1e-4)
+
+
+def test_spatial_maximum():
+    x = torch.zeros(2, 3, 2, 4, 5)
+    x[1, 2, 1, 3, 0], x[1, 2, 0, 1, 1] = -3.0, 2.0
+    out = spatial_maximum(x)
+    assert out.shape == (2, 3, 2)
+    assert out[1, 2].tolist() == [2.0, 3.0]
+    assert out.sum() == 5
+
+
+@pytest.mark.parametrize("shift", [-1.0, -0.3, 0.0, 0.7, 1.0])
+def test_shift_of_a_ramp_is_exact(shift):
+    place = torch.arange(20, dtype=torch.float64)
+    ramp = (0.03 * place).reshape(1, 1, 20)
+    moved = (0.03 * (place - shift)).reshape(1, 1, 20)
+    assert float(row_shift(ramp, moved)) == pytest.approx(shift, abs=1e-9)
+
+
+def test_shift_without_contrast_is_zero_and_has_a_gradient():
+    x = torch.full((4, 1, 1, 8), 0.5, requires_grad=True)
+    out, _ = ChahlSrinivasan()(x * torch.tensor([1.0, 0.9, 0.8, 0.7])[:, None, None, None])
+    assert out.abs().max() == 0
+    out.sum().backward()
+    assert torch.isfinite(x.grad).all()

@@ -1,4 +1,4 @@
-"""The list of claims, where they are tried, and what a reader gets."""
+"""The list of claims, their verdicts, and the parts beyond the papers."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+import torch
 
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import files_of
+from ndtorch_train.reproduce import beyond_paper
 from ndtorch_train.reproduce.claims import CLAIMS, chosen
 from ndtorch_train.reproduce.experiment import Claim, Context, Outcome, ResultCache, run_claim, verdict_of, with_better
 from ndtorch_train.reproduce.page import Entry, as_json, markdown, not_run, page, tally
+from ndtorch_train.reproduce.video import ParkingLot
 
 
 def test_every_claim_of_the_list_is_there() -> None:
@@ -108,3 +111,36 @@ def test_both_verdicts_stand_in_table_json_and_page() -> None:
     text = page(entries(), False, "x")
     assert "with the better parts" in text
     assert "the scale-free model: 80 of 90. Because." in text
+
+
+def test_exactly_means_each_color_once() -> None:
+    found = [["green", "red"], ["red"], ["red", "red"], ["red", "green", "blue"]]
+    assert beyond_paper.exactly(found, ["red", "green"]) == [True, False, False, False]
+
+
+def test_colors_at_are_those_of_the_moment() -> None:
+    """A red object alone, and then a blue one in its place."""
+    time = torch.arange(1200) / 100
+    light = 0.5 + 0.4 * torch.sin(6.0 * time)
+    red = torch.tensor([0, 1.0, 0, 0, 1.0, 0.2, 0.2, 1.0, 0.1, 0.1])
+    blue = torch.tensor([1.0, 0, 0, 0, 0.2, 1.0, 0.2, 0.1, 0.1, 1.0])
+    sums = light[:, None] * torch.where(time[:, None] < 6, red, blue)
+    first, last = beyond_paper.colors_at(sums[None], [600, 1200])
+    assert (first, last) == ([["red"]], [["blue"]])
+
+
+@pytest.fixture
+def context(tmp_path: Path) -> Context:
+    return Context(tmp_path, tmp_path, True, lambda share: None)
+
+
+def test_without_a_clip_the_road_is_left_out(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Still(ParkingLot):
+        def __init__(self, settle: float, seconds: float, seed: int) -> None:
+            super().__init__(settle, 0.2 - settle, seed)
+
+    monkeypatch.setattr(beyond_paper, "ParkingLot", Still)
+    outcome = beyond_paper.one_object(context, 0, "")
+    assert outcome.ours == "stand-in: 0 (none)"
+    assert outcome.verdict == "does not hold"
+    assert "No road clip given" in outcome.why
