@@ -96,7 +96,7 @@ class ObjectFileState(NamedTuple):
 class ObjectFiles(nn.Module):
     """Follows objects over retinotopic glomeruli, and learns of each which signals fluctuate together.
 
-    Whole-field sums cannot tell apart bars of one color, bars that fluctuate in phase, or equal bars [C §5.5.2];
+    Whole-field sums cannot separate bars of one color, bars that fluctuate in phase, or equal bars [C §5.5.2];
     sums over small fields can. Lateral competition picks the fields that move most; a *window* is opened there, a
     receptive field of its own that then goes with the object: it is predicted from the velocity, and
     drawn to the motion in the object's own direction, which windows share where their windows overlap. What the
@@ -193,7 +193,7 @@ class ObjectFiles(nn.Module):
         return torch.stack(counts, -1), state._replace(low=low, steps=torch.zeros((), dtype=torch.int64) + step)
 
     def offset(self, difference: Tensor) -> Tensor:
-        """Differences of places `[..., 2]`, the short way around where the scene is a torus."""
+        """Differences of places `[..., 2]`, the shorter distance around where the scene is a torus."""
         if self.border != "wrap":
             return difference
         size = torch.tensor(self.grid, dtype=difference.dtype, device=difference.device)

@@ -43,7 +43,7 @@ class BoundObject:
         heading: sum of the directions it was seen to move in, to the right and down, as unit vectors.
         fields: number of receptive fields that show it at its latest sighting.
         path: time, column and row of every sighting, where they are kept.
-        shade: "white", "grey" or "black" of what has no hue; None of what has one, or where nobody knows.
+        shade: "white", "grey" or "black" of what has no hue; None of what has one, or where it is unknown.
         boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
         confidence: 0 to 1; None of models that do not say. Of features: probability that an object of these is in view;
             of tracks: their rank by `ndtorch.tracking.rigid_motion.confidence`.

@@ -285,13 +285,14 @@ RULES: dict[str, Callable[..., Rule]] = {
     "scale-free": ScaleFreeRule,
 }
 """Makers of the rules, by name, to which everybody can add:
-`RULES["sign"] = lambda **constants: LearningRule(torch.sign, cube, "sign", **constants)`."""
+`RULES["sign"] = lambda f="", g="", **constants: LearningRule(torch.sign, cube, "sign", **constants)`. Models pass the
+`f` and `g` of their config."""
 
 
 def learning_rule(name: str, **constants: Any) -> Rule:
     """The rule of that name, with constants of its own.
 
-    competitive: compressive g on the row, expansive f on the column; cooperative: the other way round; hebbian: both
+    competitive: compressive g on the row, expansive f on the column; cooperative: the reverse; hebbian: both
     linear. These three take `f` and `g` (names of `ACTIVATIONS`), `gamma`, `tau_onset` and `radius_limit`. scale-free
     takes the attributes of `ScaleFreeRule`.
 

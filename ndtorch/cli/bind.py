@@ -35,7 +35,7 @@ MOVED = {"on": "--model foreground", "off": "--model published"}
 class Bind(BindJob):
     """Find the objects in a scene or a video: their number and their features.
 
-    Prints the objects and what they are worth, and writes them, pictures, the learned state and report.html, which
+    Prints the objects and the verdict, and writes them, pictures, the learned state and report.html, which
     shows it all, into a folder.
     The model foreground, which is the default for files and cameras, finds objects over time: a timeline, boxes and an
     overlay.
@@ -56,7 +56,7 @@ class Bind(BindJob):
     mask: bool = False
     """Also write mask.mp4 of the model foreground: white where an object is, a frame for every frame of the source."""
     front_end: str | None = None
-    """What it was is now --model: foreground (on) or published (off)."""
+    """Removed: use --model foreground (on) or published (off)."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""

@@ -102,7 +102,7 @@ def run_part(name: str, kind: type[Subcommand], parts: Mapping[str, type[Subcomm
         return run_command(f"ndtorch {name} {given[0]}", parts[given[0]], given[1:])
     if not given or given[0] in ("-h", "--help"):
         lines = [f"usage: ndtorch {name} SUBCOMMAND ...", "", kind.__doc__ or "", ""]
-        lines += [f"  {part:14}{(one.__doc__ or '').splitlines()[0]}" for part, one in parts.items()]
+        lines += [f"  {part:22}{(one.__doc__ or '').splitlines()[0]}" for part, one in parts.items()]
         print("\n".join([*lines, "", f"`ndtorch {name} SUBCOMMAND --help` says what each takes."]))
         return 0 if given else UNUSABLE
     near = did_you_mean(given[0], parts).removeprefix("; ") or f"there are {', '.join(parts)}"

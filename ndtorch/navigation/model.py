@@ -49,7 +49,7 @@ from ndtorch.utils.jit import compiling_beside
 class Navigator(nn.Module):
     """Avoids obstacles and ranges what it passes: the architecture of [A] as one module.
 
-    Any `Controller` can sit at its wheel: `"ranging"`, which drives where it has seen floor, `"published"`, the
+    Any `Controller` can steer: `"ranging"`, which drives where it has seen floor, `"published"`, the
     saccades of [A], or one of your own. Only two rectangles, which the controller chooses, and the two horizon
     rows are read. At the first frame the car is at the origin and stands still.
 
@@ -79,8 +79,8 @@ class Navigator(nn.Module):
         near_check: with compiled steps, a car that stands, at the start or boxed in, checks what is right ahead with
             both cameras, and one that drives searches the right row for its controller. False is for images in which
             there is no floor.
-        localiser: corrects the poses at which these parts are filled, and tells the controller where the car is, so
-            that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
+        localiser: corrects the poses at which these parts are filled, and gives the controller the car's pose in the
+            map, so that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
         body: the robot's, which all lengths and speeds of a controller that is named follow, and the disparities that
             are ranged; the car of [A] by default.
 
@@ -90,8 +90,8 @@ class Navigator(nn.Module):
 
     >>> from ndtorch.navigation import StereoRig
     >>> navigator = Navigator(StereoRig(), dt=1 / 30)
-    >>> eyes = torch.randint(0, 256, (2, 1, 3, 480, 640), dtype=torch.uint8)
-    >>> command, state = navigator(*eyes)
+    >>> frames = torch.randint(0, 256, (2, 1, 3, 480, 640), dtype=torch.uint8)
+    >>> command, state = navigator(*frames)
     >>> command.speed.shape, float(state.pose.x)
     (torch.Size([1]), 0.0)
     """

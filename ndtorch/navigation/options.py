@@ -53,7 +53,7 @@ class NavigatorOptions:
             in the plan of a simulated building.
         explore: The controller `goal` then explores what it has not visited.
         return_home: The controller `goal` then returns to the start.
-        speed: The car drives at this speed where nothing is in its path, m/s; another body at this speed in its units.
+        speed: The car drives at this speed where nothing is in its path, m/s; scaled with the size of the body.
         localise: Scan matching corrects dead reckoning, and the map is made with the corrected poses.
         known_map: The car finds its place in the `map.npz` of this path, which a drive with `localise` has made, and
             localises in it.
@@ -153,7 +153,7 @@ class NavigatorOptions:
         )
 
     def localiser(self, rig: StereoRig, rate: float) -> Localiser | None:
-        """What corrects dead reckoning, if anything.
+        """The localiser, or None.
 
         Raises:
             InputError: a known map that cannot be read, or was made without `localise`.

@@ -45,7 +45,7 @@ class BindJob:
     stop: int | None = None
     """Videos: number of the frame to stop before."""
     every: int | None = None
-    """Videos: use the first of so many frames, where the model is too slow for all."""
+    """Videos: use every n-th frame, where the model is too slow for all."""
     fit: str | None = None
     """Videos: crop to the middle square (default) or stretch. The model foreground takes the whole picture."""
     follow_redirects: bool = False

@@ -44,7 +44,7 @@ class FrameSource(ABC):
         name: short name, fit for a folder name.
         fps: frames per second.
         size: height and width of a frame in pixels.
-        length: number of frames, or None where nobody can know (a camera).
+        length: number of frames, or None where it is unknown (a camera).
         pixel_map: from pixels of the frames delivered to those of the source's own frames, which a video may shrink.
         cuts: seconds at which the source itself jumps to another time.
         silent: why a camera or stream ended; empty while it goes on, and of others.

@@ -46,7 +46,7 @@ class DotPatch:
 class CommonFate(RenderedScene):
     """Light and dark dots on grey. In a single frame a patch cannot be seen: inside and outside dots are alike.
 
-    The dots of the ground move at the patches' speed, each its own way; a share `ground` of them goes one common way.
+    The dots of the ground move at the patches' speed, each in its own direction; a share `ground` of them shares one.
     Of the dots in a patch a share `coherence` moves with the patch, the others are dots of the ground. A dot lives for
     `lifetime` seconds and then appears somewhere else. Later patches cover earlier ones. Everything is drawn from the
     seed: ellipses and rectangles, their places and directions of motion, at least 60° apart and `ground`'s too.
@@ -58,7 +58,7 @@ class CommonFate(RenderedScene):
         coherence: share of a patch's dots that move with it, 0 to 1.
         lifetime: of a dot, seconds; `inf` for dots that stay.
         speed: of patches and dots, pixels a second.
-        ground: share of the ground's dots that move one way, 0 to 1.
+        ground: share of the ground's dots that move in one direction, 0 to 1.
         seed: of everything.
 
     Shapes:
@@ -268,5 +268,5 @@ def common_fate(
     ground: float = 0.0,
     seed: int = 0,
 ) -> CommonFate:
-    """Patches of random dots told by their motion alone; see `CommonFate` for arguments, shapes and errors."""
+    """Patches of random dots defined by their motion alone; see `CommonFate` for arguments, shapes and errors."""
     return CommonFate(seconds, fps, size, patches, density, coherence, lifetime, speed, ground, seed)

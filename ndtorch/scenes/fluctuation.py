@@ -30,7 +30,7 @@ class Fluctuation:
 
 
 class NoFluctuation(Fluctuation):
-    """Steady light and steady size: nothing tells the bars apart but their places."""
+    """Steady light and steady size: nothing separates the bars but their places."""
 
 
 class SineShadow(Fluctuation):
@@ -112,7 +112,7 @@ class Distance(Fluctuation):
 
     Args:
         rate: cycles a second.
-        phase: degrees at t = 0; bars are told apart only if they are out of step.
+        phase: degrees at t = 0; bars are separated only if they are out of phase.
         smallest: width farthest away as a part of the full width; 9 of 12 pixels in the paper.
 
     `rate` and `phase` may differ between bars and scenes (see `PerBar`).

@@ -18,7 +18,7 @@ SECONDS = 19.0
 
 
 class NamedScene(NamedTuple):
-    """A way to build a scene, what it shows in one line, and the options it fixes.
+    """Builder of a scene, what it shows in one line, and the options it fixes.
 
     The builder is named, not imported: a list of scenes has to be there before torch is.
     """

@@ -58,7 +58,7 @@ class CoherentMotion(nn.Module):
 
     A Hassenstein-Reichardt detector multiplies what is at a place with what was at its neighbor a moment ago. Here all
     frames of `kept` seconds are moved on to where they would be now at a velocity, and multiplied at every delay up to
-    `last`: correlators with many bases that agree, whose memory moves along. Random dots that move each its own way
+    `last`: correlators with many bases that agree, whose memory moves along. Random dots that move independently
     fill a ring of velocities, dots that move together make a peak. Contrast of both signs counts, light alone does
     not. All velocities are tried at a coarse resolution; `energies` looks closer at one.
 

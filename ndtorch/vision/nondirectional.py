@@ -140,7 +140,7 @@ SPEED_SCALE = 20.0
 
 
 def spatial_maximum(x: Tensor) -> Tensor:
-    """Speed estimate of an eye: the largest magnitude over space. [A fig. 2]
+    """Speed estimate of a camera: the largest magnitude over space. [A fig. 2]
 
     Args:
         x: sensor outputs `[..., T, C, H, W]`.

@@ -91,7 +91,7 @@ def numbers(deviations: Deviations) -> tuple[float, float]:
 class OrientedDoG(nn.Module):
     """Responses of three oriented DoG filters (0, 60 and 120 degrees) and the sums of their magnitudes.
 
-    Two ways of summing. `exact=True` filters at full resolution. Otherwise the kernels' narrow band is used: no
+    Two methods of summing. `exact=True` filters at full resolution. Otherwise the kernels' narrow band is used: no
     response holds anything finer than their smallest sigma, so rows and columns are halved (twice, for the published
     filters), higher frequencies are left out, and the responses are evaluated on two interleaved grids of about
     `0.9 sigma_min` pixels. The sums then differ from the exact ones by less than 0.5 % (0.1 % on average) at a tenth

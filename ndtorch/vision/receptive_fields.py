@@ -26,7 +26,7 @@ EDGES: tuple[Edge, ...] = ("wrap", "reflect", "open")
 def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wrap", shape: Shape = "cosine") -> Tensor:
     """How much each point of a line belongs to each of `fields` overlapping fields, `[fields, points]`.
 
-    Fields are two spacings wide and centered on `(f + 1/2) length / fields`, so that something small that moves along
+    Fields are two spacings wide and centered on `(f + 1/2) length / fields`, so that a small object that moves along
     leaves one as it enters the next. Between the first and the last center they add up to one, beyond them with
     "wrap" and "reflect". A single field weighs all points alike: the whole field of the papers.
 

@@ -107,7 +107,7 @@ class PublishedModel(WholeFieldModel):
             name = "mine" if self._given_rule in RULES else self._given_rule
             raise InputError(
                 f"the rule {self._given_rule!r} was given as an object, which no config.toml can name: register its "
-                f"maker, ndtorch.binding.rules.RULES[{name!r}] = lambda **constants: ..., and say rule = {name!r}"
+                f"maker, ndtorch.binding.rules.RULES[{name!r}] = lambda f, g, **constants: ..., and say rule = {name!r}"
             )
         if self._given_gamma:
             raise InputError("gamma was given for every trial, which no config.toml can hold: set it in the config")

@@ -104,8 +104,8 @@ class Controller(nn.Module, ABC):
         backend: what computes it. Two classes of one name may have one each.
         Params: dataclass of its numbers, all with defaults.
         modes: which of `CRUISE`, `TURN`, ... it can be in.
-        has_goals: whether it can be told where to go.
-        checks_near: whether it wants to be told what is right ahead while it stands.
+        has_goals: whether it accepts goals.
+        checks_near: whether it requests proximity checks while it is stationary.
         params: its numbers.
         look: with `"torch"`, module from frames `[..., T, C, H, W]` of both cameras, whole or cut to `look.fields`,
             to what the controller steers by.
@@ -141,7 +141,7 @@ class Controller(nn.Module, ABC):
         """The numbers with which the controller does what it is asked to.
 
         Raises:
-            InputError: something that it cannot do.
+            InputError: a task that it does not support.
         """
         if task.has_goal and not cls.has_goals:
             raise InputError(f"the {cls.name} controller has no goals: to, explore and back belong to controller goal")
@@ -209,7 +209,7 @@ class Controller(nn.Module, ABC):
             state: before.
             pose: of the car.
             obstacles: that are near.
-            across: a line across the path: something is believed there where no floor is seen.
+            across: a line across the path: an obstacle is assumed there where no floor is seen.
             floor_seen: right ahead.
         """
         return state

@@ -131,7 +131,7 @@ class StereoRig:
             left, right: 3 x 4 numbers, the last column in pixels times metres, as rows or in one row of 12; or 3 x 3
                 with `baseline`.
             width, height: size of a frame in pixels.
-            baseline: distance between the cameras, m, where the matrices do not tell.
+            baseline: distance between the cameras, m, where the matrices do not contain it.
             max_baseline_m: A longer baseline is taken for a wrong unit.
             where: `camera_height`, `pitch` and `forward`, which no calibration knows.
 

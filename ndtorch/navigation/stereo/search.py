@@ -46,8 +46,8 @@ class SearchParams:
         rows: This odd number of rows is compared, the horizon in their middle.
         half_width_px: Places are compared with this many pixels to either side.
         mean_half_width_px: The mean of the pixels within this distance is taken from each pixel; 0 takes nothing.
-        min_disparity_px: A place of a smaller disparity is found and left out, so that it is not taken for something
-            near; 20 pixels are 6.5 m for the rig of [A].
+        min_disparity_px: A place of a smaller disparity is found and left out, so that it is not taken for a near
+            object; 20 pixels are 6.5 m for the rig of [A].
         max_disparity_px: No larger disparity is searched for; 230 pixels are 0.56 m for the rig of [A].
         uniqueness_ratio: A match differs by less than this share of the best one elsewhere.
         max_difference_ratio: A match differs on average by at most this share of white.

@@ -49,9 +49,9 @@ class Barn:
     moving_cylinders: int = 0
     """This number of cylinders moves to and fro at .2 to .8 m/s, and meets the car from ahead, beside and behind."""
     seed: int = 0
-    """The textures of cylinders and floor follow from this number, and what moves."""
+    """Seed of the textures of cylinders and floor, and of moving cylinders."""
     jobs: int = 0
-    """This number of worlds is driven at a time (default: one a core)."""
+    """This number of worlds is driven at a time; 0 is one a core."""
     out: Path = Path("out/barn")
     """Results are written into this folder, and into barn-2, and so on, with other options or code."""
     force: bool = False

@@ -39,7 +39,7 @@ class Check:
     """
 
     config: Annotated[Path, tyro.conf.Positional]
-    """The car is described by this TOML file, or by one that comes along, such as maxstone8."""
+    """The car is described by this TOML file, or by one that is included, such as maxstone8."""
     yes: bool = False
     """Every question is answered with yes, for a simulated board."""
     json: bool = False

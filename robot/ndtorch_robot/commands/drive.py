@@ -26,7 +26,7 @@ class Drive:
 
     Shows the progress and a summary, and writes report.html with all pictures, summary.json, path.png, map.png,
     map.npz, map.pgm and map.yaml (these two for ROS), speeds.png and rows.png; with --localise also
-    pose.png. Options override the file. Ctrl-C stops the robot and keeps everything.
+    pose.png. Options override the file. Ctrl-C stops the robot and writes all results.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None

@@ -57,7 +57,7 @@ class Evaluate:
     pedestrian: bool = False
     """A box of the size of a person walks to and fro."""
     jobs: int = 0
-    """This number of drives runs at a time (default: one a core)."""
+    """This number of drives runs at a time; 0 is one a core."""
     out: Path = Path("out/evaluate")
     """Results are written into this folder."""
     force: bool = False

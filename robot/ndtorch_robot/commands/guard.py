@@ -23,7 +23,7 @@ class Guard:
     """Pass on a command from outside as far as two cameras see room for it: a collision monitor for any planner.
 
     The command comes from one of the `[bridges]` of the car: ros2, mavlink or gamepad. With --arenas the guard is
-    judged instead: in these arenas somebody drives who does not look.
+    judged instead: in these arenas it is given commands that ignore obstacles.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
@@ -35,7 +35,7 @@ class Guard:
     seeds: tuple[int, ...] = SEEDS
     """Buildings, starts and the commands follow from these numbers."""
     jobs: int = 0
-    """This number of drives runs at a time (default: one a core)."""
+    """This number of drives runs at a time; 0 is one a core."""
     unguarded: bool = False
     """In the arenas the same commands are also driven without the guard, for a row of the table."""
     out: Path = Path("out/guard")

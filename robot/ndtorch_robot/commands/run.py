@@ -32,7 +32,7 @@ class Run:
     gone: ClassVar[dict[str, str]] = {"--record-format": "recordings hold what the navigator reads, lossless"}
 
     config: Annotated[Path, tyro.conf.Positional]
-    """This TOML file describes the car, or one that comes along: maxstone8, or sim for one without hardware."""
+    """This TOML file describes the car, or one that is included: maxstone8, or sim for one without hardware."""
     seconds: float | None = None
     """The drive ends after this time, in s (default: on SIGTERM)."""
     go: bool = False

@@ -104,7 +104,7 @@ def test_a_constant_scene_is_static() -> None:
 
 def test_a_rule_given_as_an_object_is_not_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = PublishedModel(model().config, first_stage(), rule=LearningRule(torch.sin, torch.cos, "mine"))
-    with pytest.raises(InputError, match=r"rule 'mine' was given as an object.*RULES\['mine'\] = lambda \*\*constants"):
+    with pytest.raises(InputError, match=r"RULES\['mine'\] = lambda f, g, \*\*constants"):
         mine.save(tmp_path / "model")
     known = PublishedModel(model().config, first_stage(), rule=learning_rule("competitive", gamma=2.0))
     with pytest.raises(InputError, match=r"rule 'competitive' was given as an object.*RULES\['mine'\]"):

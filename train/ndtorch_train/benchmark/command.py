@@ -110,7 +110,7 @@ class Hard(Seeded):
 
 @dataclass(frozen=True)
 class OverTime(Seeded):
-    """Score binding methods at every second of rendered scenes: does the answer hold?"""
+    """Score binding methods at every second of rendered scenes: accuracy over time."""
 
     methods: tuple[str, ...] = ("scale-free", "published", "ica", "picard")
     """Methods to compare, as those of `ndtorch benchmark scenes`; offline ones get the last 15 s."""
@@ -188,7 +188,7 @@ class Foreground(Seeded):
 
 @dataclass(frozen=True)
 class CommonFate(Seeded):
-    """Score who finds patches of random dots that only their common motion shows."""
+    """Score methods that find patches of random dots that only their common motion shows."""
 
     methods: tuple[str, ...] = ()
     """Methods to compare: coherent, retinotopic, foreground, dis, farneback and mog2; none for all."""
@@ -226,7 +226,7 @@ class ObjectVideos(Seeded):
 
 @dataclass(frozen=True)
 class ShapeIdentification(Seeded):
-    """Score who names a shape of moving dots, among two, as psychophysics of common fate does."""
+    """Score methods that identify a shape of moving dots, among two, as psychophysics of common fate does."""
 
     methods: tuple[str, ...] = ()
     """Methods to compare: figure-ground, dis and dis-whole-film; none for all."""

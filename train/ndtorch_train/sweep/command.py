@@ -35,11 +35,11 @@ class Sweep:
 
     Writes results.parquet (a row a trial), summary.md and heat maps. A sweep that was stopped goes on where it was. One
     whose file or code has changed writes into a new folder, NAME-2, and takes over the trials that are the same. Two
-    sweeps come along: `binding` and `maps`.
+    sweeps are included: `binding` and `maps`.
     """
 
     config: Annotated[Path, tyro.conf.Positional]
-    """TOML file (its keys are described in train/README.md), or the name of a sweep that comes along."""
+    """TOML file (its keys are described in train/README.md), or the name of an included sweep."""
     out: Path | None = None
     """Folder to write to (default: out/sweep/ and the name of the file)."""
     force: bool = False
