@@ -165,11 +165,3 @@ def check(part: Part, streams: Streams, cuts: Sequence[int], path: Path) -> None
     floats = {x.dtype for x in leaves(streams).values() if x.is_floating_point()}
     if part.double:
         assert {x.dtype for x in whole.values() if x.is_floating_point()} <= floats, "another type came out"
-
-
-def same_leaves(a: Any, b: Any) -> None:
-    assert isinstance(b, type(a))
-    assert leaves(a).keys() == leaves(b).keys() != set()
-    assert all(
-        torch.equal(x, y) and x.dtype == y.dtype for x, y in zip(leaves(a).values(), leaves(b).values(), strict=True)
-    )

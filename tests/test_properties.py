@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from torch import Tensor
+from torch import Tensor, nn
 
 from ndtorch import binding, navigation, vision
 from ndtorch.binding.models.foreground import ForegroundConfig
@@ -19,7 +20,7 @@ from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.binding.models.retinotopic import RetinotopicConfig
 from ndtorch.binding.models.scale_free import ScaleFreeConfig
 from ndtorch.utils.tensors import leaves
-from tests.properties import DT, KINDS, LONG, QUICK, RIG, SIZE, Part, check, cut, samples, trial
+from tests.properties import DT, KINDS, LONG, PUBLIC, QUICK, RIG, SIZE, Part, check, cut, samples, trial
 from tests.strategies import chunkings
 
 Draw = Callable[..., Tensor]
@@ -112,6 +113,13 @@ PARTS: dict[str, Part] = {
 }
 """Every public module. `Controller` is abstract: the published one stands for it; all are tried in the long form."""
 ABSTRACT = {"BindingModel": "PublishedModel", "Controller": "Controller"}
+
+
+def test_no_public_module_is_left_out() -> None:
+    """A model is tested as each of its kinds; a sequence and the saccades have tests beside those of their packages."""
+    public = [getattr(package, name) for package in PUBLIC for name in package.__all__]
+    modules = {thing.__name__ for thing in public if inspect.isclass(thing) and issubclass(thing, nn.Module)}
+    assert modules - set(PARTS) == {"BindingModel", "SaccadeController", "Sequential"}
 
 
 @st.composite

@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 
+from ndtorch.errors import InputError
 from ndtorch.scenes.gratings import FlickeringGrating, MovingGrating
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan
 from ndtorch.vision.characterisation import judge_speed_curve, speed_response
@@ -57,6 +58,10 @@ def test_flicker():
     assert minus < 0.5 * least < least < nds
     assert speed_response(NDMinus(), uniform.chunks())[0] == 0
     assert speed_response(NDMin(), uniform.chunks())[0] > 0
+    # The same in one chunk; and nothing is left of 200 frames that settle.
+    assert float(speed_response(NDMin(), grating.chunks(200), 10)[0]) == pytest.approx(least, rel=1e-5)
+    with pytest.raises(InputError, match="settle=200 leaves none of the 200 frames"):
+        speed_response(NDMin(), grating.chunks(), 200)
 
 
 TAUS = [0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, math.inf]
