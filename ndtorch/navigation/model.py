@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -77,8 +77,8 @@ class Navigator(nn.Module):
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
         backend: `"numba"`, `"torch"`, or `"auto"`: the first of them that the controller has.
         near_check: with compiled steps, a car that stands, at the start or boxed in, checks what is right ahead with
-            both cameras, and one that drives searches the right row for its controller. False is for images in which
-            there is no floor.
+            both cameras after its command, and one that drives searches the right row for its controller. False is for
+            images in which there is no floor.
         localiser: corrects the poses at which these parts are filled, and gives the controller the car's pose in the
             map, so that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
         body: the robot's, which all lengths and speeds of a controller that is named follow, and the disparities that
@@ -159,6 +159,20 @@ class Navigator(nn.Module):
         driven: Command | None = None,
         start: Pose | None = None,
     ) -> tuple[Command, NavigatorState]:
+        command, complete = self.command_first(left, right, state, driven, start)
+        return command, complete()
+
+    def command_first(
+        self,
+        left: Tensor | Strips,
+        right: Tensor | Strips,
+        state: NavigatorState | None = None,
+        driven: Command | None = None,
+        start: Pose | None = None,
+    ) -> tuple[Command, Callable[[], NavigatorState]]:
+        """The command, and what returns the state: map, localiser and checks for the next command take their time
+        after this one. Arguments, command and state are those of a call of the module.
+        """
         check_kind("state", state, NavigatorState)
         check_kind("driven", driven, Command)
         check_kind("start", start, Pose)
@@ -166,19 +180,28 @@ class Navigator(nn.Module):
         shape = frames_shape(ours, theirs)
         if driven is not None or start is not None:
             check_motion(driven, start, shape)
+
+        def explain(error: Exception) -> None:
+            # Looked at once it has failed: at every step that would take as long as some of what is computed.
+            if state is not None and not isinstance(error, InputError):
+                check_like(state, self.frame_by_frame(ours, theirs, None, None, None, shape)[1]())
+
+        def complete() -> NavigatorState:
+            try:
+                return returned(rest())
+            except Exception as error:
+                explain(error)
+                raise
+
         try:
             if state is not None:
                 check_known(state)
                 check_values("state", state)
-            command, state = self.frame_by_frame(ours, theirs, state, driven, start, shape)
-            return command, returned(state)
-        except InputError:
+            command, rest = self.frame_by_frame(ours, theirs, state, driven, start, shape)
+        except Exception as error:
+            explain(error)
             raise
-        except Exception:
-            # Looked at once it has failed: at every step that would take as long as some of what is computed.
-            if state is not None:
-                check_like(state, self.frame_by_frame(ours, theirs, None, None, None, shape)[1])
-            raise
+        return command, complete
 
     def frame_by_frame(
         self,
@@ -188,7 +211,7 @@ class Navigator(nn.Module):
         driven: Command | None,
         start: Pose | None,
         shape: tuple[int, ...],
-    ) -> tuple[Command, NavigatorState]:
+    ) -> tuple[Command, Callable[[], NavigatorState]]:
         """Frame by frame, because what is done at one frame is what was driven on the path to the next."""
         if self.backend == "numba":
             if state is not None:
@@ -197,13 +220,14 @@ class Navigator(nn.Module):
                 return self.car_by_car(left, right, state, driven, start, shape)
             start = None if start is None else Pose(*map(float, start))
         commands = []
+        rest: Callable[[], NavigatorState] | None = None
         for ours, theirs, moved in self.frames(left, right, driven, shape[-1]):
-            state = self.step(ours, theirs, state, moved, start)
-            commands.append(state.command)
-        assert state is not None
+            command, rest = self.decide(ours, theirs, state if rest is None else rest(), moved, start)
+            commands.append(command)
+        assert rest is not None
         speed, curvature = zip(*commands, strict=True)
         made = as_tensor if self.backend == "numba" else in_time
-        return Command(made(speed), made(curvature)), state
+        return Command(made(speed), made(curvature)), rest
 
     def frames(
         self, left: Strips, right: Strips, driven: Command | None, count: int
@@ -228,7 +252,7 @@ class Navigator(nn.Module):
         driven: Command | None,
         start: Pose | None,
         shape: tuple[int, ...],
-    ) -> tuple[Command, NavigatorState]:
+    ) -> tuple[Command, Callable[[], NavigatorState]]:
         """The compiled steps of a batch."""
         batch, dims, made = shape[:-1], len(shape) - 1, []
         for n in range(math.prod(batch)):
@@ -236,13 +260,13 @@ class Navigator(nn.Module):
                 one_car(part, n, dims) for part in (left, right, state, driven, start)
             )
             made.append(self.frame_by_frame(ours, theirs, before, moved, begun, shape[-1:]))
-        commands, states = zip(*made, strict=True)
-        return all_cars(list(commands), batch), all_cars(list(states), batch)
+        commands, rests = zip(*made, strict=True)
+        return all_cars(list(commands), batch), lambda: all_cars([rest() for rest in rests], batch)
 
-    def step(
+    def decide(
         self, left: Strips, right: Strips, state: NavigatorState | None, driven: Command | None, start: Pose | None
-    ) -> NavigatorState:
-        """One frame of each camera: see, range, correct the pose; remember, decide and limit; fill the map."""
+    ) -> tuple[Command, Callable[[], NavigatorState]]:
+        """One frame of each camera: see, range, remember, decide and limit; and what is done once that is commanded."""
         # Looked up once: `nn.Module` takes a microsecond for each.
         modules: Any = self._modules
         controller, reckoning, near = modules["controller"], modules["reckoning"], self.near
@@ -253,21 +277,29 @@ class Navigator(nn.Module):
         last = before.command if driven is None else driven
         pose, control, located = reckoning.step(before.pose, *last), before.control, before.located
         here = pose
-        if self.localiser is not None:
+        if self.localiser is not None and controller.has_goals:
             located = self.locate(left.row, right.row, pose, located)
             here = self.control_pose(pose, located)
             place = pose_like(pose, located.pose) if located.relocalisation is None else None
             sigma = math.sqrt(max(0.0, *located.covariance.diagonal()[:2]))
             control = controller.on_pose(control, here, place, sigma)
-        if near is not None:
-            control = near.before_step(controller, control, last, here, left, right, begins)
         command, control = controller.step(seen, ranges, here, last, control)
-        if near is not None:
-            control = near.while_driving(controller, control, here, (left.row, right.row))
-        sides, difference = controller.sides(seen), controller.difference(control)
-        memory = (before.map, before.observations, before.tracks, located)
-        now = (field_filters, row_filters, control, command, pose, sides, difference, ranges)
-        return self.fill_map(NavigatorState(*now, *memory))
+        if near is not None and begins:
+            command = Command(0.0, 0.0)  # what is near is not checked yet
+
+        def complete() -> NavigatorState:
+            at, after = located, control
+            if near is not None:
+                after = near.while_standing(controller, after, last, here, left, right, begins)
+                after = near.while_driving(controller, after, here, (left.row, right.row))
+            if self.localiser is not None and not controller.has_goals:
+                at = self.locate(left.row, right.row, pose, at)
+            sides, difference = controller.sides(seen), controller.difference(after)
+            memory = (before.map, before.observations, before.tracks, at)
+            now = (field_filters, row_filters, after, command, pose, sides, difference, ranges)
+            return self.fill_map(NavigatorState(*now, *memory))
+
+        return command, complete
 
     def read(self, left: Strips, right: Strips) -> tuple[Any, Any]:
         """Fields and rows of both cameras, as the backend takes them."""

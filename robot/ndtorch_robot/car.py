@@ -102,13 +102,15 @@ class Car:
             placed, anew = self.drive.take_placed(), self.safe.take_interruption()
             restarted = anew and self.runner.state is not None
             with timer.part("navigate"):
-                wanted = self.runner.step(frames, driven, placed, anew)
-            self.tell_trouble()
+                wanted = self.runner.command(frames, driven, placed, anew)
         else:
             self.runner.roll(driven)
         sent = self.safe.send(wanted if self.steer is None else self.steer(wanted))
         if good and frames is not None:
             timer.add("frame to command", clock.now() - frames.time)
+            with timer.part("remember"):
+                self.runner.complete()
+            self.tell_trouble()
             if self.go:
                 self.go = False
                 if not self.safe.by_hand:

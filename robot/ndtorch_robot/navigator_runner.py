@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -57,6 +58,8 @@ class NavigatorRunner:
         self.navigator: Navigator = options.navigator(rig, rate, grid, near_check, None if body == USUAL else body)
         self.state: NavigatorState | None = None
         self.time = -math.inf
+        self.rest: Callable[[], NavigatorState] | None = None
+        self.kept: tuple[NavigatorState, Placed] | None = None
         self.options, self.grid, self.near_check = options, grid, near_check
         self.new_goal: tuple[float, float] | None = None
 
@@ -77,8 +80,16 @@ class NavigatorRunner:
     def step(
         self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, anew: bool = False
     ) -> DriveCommand:
-        """The command of the navigator; `driven`: motion since the step before, `placed`: where a person has put the
-        car since then, `anew`: it was stopped, or saw nothing.
+        """The command of the navigator, and its state after all that follows it; arguments as of `command`."""
+        command = self.command(frames, driven, placed, anew)
+        self.complete()
+        return command
+
+    def command(
+        self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, anew: bool = False
+    ) -> DriveCommand:
+        """The command of the navigator as soon as it is known: `complete` has to follow; `driven`: motion since the
+        step before, `placed`: where a person has put the car since then, `anew`: it was stopped, or saw nothing.
         """
         if not math.isfinite(frames.time):
             raise InputError(f"the time of the frames must be finite, got {frames.time}")
@@ -94,18 +105,25 @@ class NavigatorRunner:
             at = self.state.pose if self.state is not None else None
             if placed is not None:
                 at = Pose(*map(float, placed))
-            command, state = self.navigator(frames.left, frames.right, start=at)
-            if before is not None:
-                state = state._replace(map=before.map, located=self.located(before, state, placed))
+            command, self.rest = self.navigator.command_first(frames.left, frames.right, start=at)
+            self.kept = None if before is None else (before, placed)
         else:
             if anew:
                 before = before._replace(fields=None, rows=None)
             # Where frames were lost, the step was longer than the navigator takes it for.
             longer = 1.0 if anew else min(max(1.0, float(round(since * self.rate))), LONGEST)
             moved = Command(torch.tensor([driven.speed * longer]), torch.tensor([driven.curvature]))
-            command, state = self.navigator(frames.left, frames.right, before, moved)
-        self.state = state
+            command, self.rest = self.navigator.command_first(frames.left, frames.right, before, moved)
         return DriveCommand(float(command.speed[-1]), float(command.curvature[-1]))
+
+    def complete(self) -> None:
+        """Map, localiser, and what the next command needs."""
+        assert self.rest is not None
+        self.state, self.rest = self.rest(), None
+        if self.kept is not None:
+            before, placed = self.kept
+            self.state = self.state._replace(map=before.map, located=self.located(before, self.state, placed))
+            self.kept = None
 
     def roll(self, driven: DriveCommand) -> None:
         """Update the pose by a step without usable frames."""

@@ -36,6 +36,15 @@ def test_every_observer_is_told_every_step():
     assert max(step.sent.speed for step in told) > 0.3
 
 
+def test_a_command_is_sent_before_the_map_is_filled(monkeypatch):
+    car, _, _ = film(4)
+    order, send, complete = [], car.drive.send, car.runner.complete
+    monkeypatch.setattr(car.drive, "send", lambda command: order.append("send") or send(command))
+    monkeypatch.setattr(car.runner, "complete", lambda: order.append("complete") or complete())
+    car.run(2.5 / 30)
+    assert order == ["send", "complete"] * 4
+
+
 def test_it_stands_until_told_whatever_the_drive_says():
     """A drive without a reason to stand, too."""
     car, told, lines = film(40)

@@ -230,7 +230,7 @@ class Controller(nn.Module, ABC):
         return state
 
     def on_pose(self, state: Any, pose: Pose, place: Pose | None, sigma: float = 0.0) -> Any:
-        """The state of one car whose pose was corrected.
+        """The state of one car whose pose was corrected; called of controllers that have goals.
 
         Args:
             state: before.

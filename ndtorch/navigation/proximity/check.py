@@ -80,10 +80,10 @@ class ProximitySchedule(nn.Module):
             return False
         return begins or controller.mode(control) in (SUPPRESSED, STOPPED)
 
-    def before_step(
+    def while_standing(
         self, controller: Controller, control: Any, last: Command, pose: Pose, left: Strips, right: Strips, begins: bool
     ) -> Any:
-        """The controller's state after the check that precedes a step, if one is due.
+        """The controller's state after the check that follows a step, if one is due.
 
         Args:
             last: driven on the path to the pose.
