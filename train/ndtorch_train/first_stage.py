@@ -89,14 +89,15 @@ def card(gamma: float, radius: float, stage: FirstStage) -> str:
     parts = [HEAD.format(gamma=gamma, radius=radius, seconds=stage.seconds)]
     off = stage.orientation[~torch.eye(3, dtype=torch.bool)]
     claims = {
-        "motion": "The paper prints about 0.3 for all weights.",
+        "motion": f"All weights are {float(stage.motion[0, 1]):.4f}; the paper prints about 0.3.",
         "orientation": "The paper prints about 0.45 for all weights. They come out less alike here, "
         f"{float(off.min()):.2f} to {float(off.max()):.2f}:\nthe orientation filters are as large as the stimulus, "
         "and its edges treat 0°, along the pixel grid, differently\nfrom 60° and 120°.",
-        "color": "The paper prints about 0.45 for all weights.",
+        "color": f"All weights are {float(stage.color[0, 1]):.4f}; the paper prints about 0.45.",
     }
     for name, weights in (("motion", stage.motion), ("orientation", stage.orientation), ("color", stage.color)):
-        parts += [f"## {name}", "", claims[name], "", matrix(weights), ""]
+        parts += [f"## {name}", "", claims[name], ""]
+        parts += [matrix(weights), ""] if name == "orientation" else []
         parts += [f"Spectral radius {float(spectral_radius(weights)):.4f}.", ""]
     return "\n".join(parts)
 
