@@ -10,11 +10,10 @@ import json
 import select
 import sys
 import time
-from dataclasses import dataclass
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
-from cyclonedds.idl import IdlStruct
+from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl.types import array, byte, float32, float64, int8, int32, sequence, uint32
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
@@ -22,128 +21,35 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 
-@dataclass
-class Time_(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
-    sec: int32
-    nanosec: uint32
+def struct(package, kind, **fields):
+    """The message type `package/msg/kind` as ROS 2 has it over DDS."""
+    return make_idl_struct(f"{kind}_", f"{package}.msg.dds_.{kind}_", fields)
 
 
-@dataclass
-class Header_(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
-    stamp: Time_
-    frame_id: str
-
-
-@dataclass
-class Vector3_(IdlStruct, typename="geometry_msgs.msg.dds_.Vector3_"):
-    x: float64
-    y: float64
-    z: float64
-
-
-@dataclass
-class Point_(IdlStruct, typename="geometry_msgs.msg.dds_.Point_"):
-    x: float64
-    y: float64
-    z: float64
-
-
-@dataclass
-class Quaternion_(IdlStruct, typename="geometry_msgs.msg.dds_.Quaternion_"):
-    x: float64
-    y: float64
-    z: float64
-    w: float64
-
-
-@dataclass
-class Pose_(IdlStruct, typename="geometry_msgs.msg.dds_.Pose_"):
-    position: Point_
-    orientation: Quaternion_
-
-
-@dataclass
-class PoseStamped_(IdlStruct, typename="geometry_msgs.msg.dds_.PoseStamped_"):
-    header: Header_
-    pose: Pose_
-
-
-@dataclass
-class Twist_(IdlStruct, typename="geometry_msgs.msg.dds_.Twist_"):
-    linear: Vector3_
-    angular: Vector3_
-
-
-@dataclass
-class PoseWithCovariance_(IdlStruct, typename="geometry_msgs.msg.dds_.PoseWithCovariance_"):
-    pose: Pose_
-    covariance: array[float64, 36]
-
-
-@dataclass
-class TwistWithCovariance_(IdlStruct, typename="geometry_msgs.msg.dds_.TwistWithCovariance_"):
-    twist: Twist_
-    covariance: array[float64, 36]
-
-
-@dataclass
-class Odometry_(IdlStruct, typename="nav_msgs.msg.dds_.Odometry_"):
-    header: Header_
-    child_frame_id: str
-    pose: PoseWithCovariance_
-    twist: TwistWithCovariance_
-
-
-@dataclass
-class LaserScan_(IdlStruct, typename="sensor_msgs.msg.dds_.LaserScan_"):
-    header: Header_
-    angle_min: float32
-    angle_max: float32
-    angle_increment: float32
-    time_increment: float32
-    scan_time: float32
-    range_min: float32
-    range_max: float32
-    ranges: sequence[float32]
-    intensities: sequence[float32]
-
-
-@dataclass
-class MapMetaData_(IdlStruct, typename="nav_msgs.msg.dds_.MapMetaData_"):
-    map_load_time: Time_
-    resolution: float32
-    width: uint32
-    height: uint32
-    origin: Pose_
-
-
-@dataclass
-class OccupancyGrid_(IdlStruct, typename="nav_msgs.msg.dds_.OccupancyGrid_"):
-    header: Header_
-    info: MapMetaData_
-    data: sequence[int8]
-
-
-@dataclass
-class KeyValue_(IdlStruct, typename="diagnostic_msgs.msg.dds_.KeyValue_"):
-    key: str
-    value: str
-
-
-@dataclass
-class DiagnosticStatus_(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticStatus_"):
-    level: byte
-    name: str
-    message: str
-    hardware_id: str
-    values: sequence[KeyValue_]
-
-
-@dataclass
-class DiagnosticArray_(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticArray_"):
-    header: Header_
-    status: sequence[DiagnosticStatus_]
-
+Time_ = struct("builtin_interfaces", "Time", sec=int32, nanosec=uint32)
+Header_ = struct("std_msgs", "Header", stamp=Time_, frame_id=str)
+Vector3_ = struct("geometry_msgs", "Vector3", x=float64, y=float64, z=float64)
+Point_ = struct("geometry_msgs", "Point", x=float64, y=float64, z=float64)
+Quaternion_ = struct("geometry_msgs", "Quaternion", x=float64, y=float64, z=float64, w=float64)
+Pose_ = struct("geometry_msgs", "Pose", position=Point_, orientation=Quaternion_)
+PoseStamped_ = struct("geometry_msgs", "PoseStamped", header=Header_, pose=Pose_)
+Twist_ = struct("geometry_msgs", "Twist", linear=Vector3_, angular=Vector3_)
+PoseWithCovariance_ = struct("geometry_msgs", "PoseWithCovariance", pose=Pose_, covariance=array[float64, 36])
+TwistWithCovariance_ = struct("geometry_msgs", "TwistWithCovariance", twist=Twist_, covariance=array[float64, 36])
+Odometry_ = struct(
+    *("nav_msgs", "Odometry"), header=Header_, child_frame_id=str, pose=PoseWithCovariance_, twist=TwistWithCovariance_
+)
+RANGES = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
+LISTS = {"ranges": sequence[float32], "intensities": sequence[float32]}
+LaserScan_ = struct("sensor_msgs", "LaserScan", header=Header_, **dict.fromkeys(RANGES, float32), **LISTS)
+MapMetaData_ = struct(
+    *("nav_msgs", "MapMetaData"), map_load_time=Time_, resolution=float32, width=uint32, height=uint32, origin=Pose_
+)
+OccupancyGrid_ = struct("nav_msgs", "OccupancyGrid", header=Header_, info=MapMetaData_, data=sequence[int8])
+KeyValue_ = struct("diagnostic_msgs", "KeyValue", key=str, value=str)
+WORDS = dict.fromkeys(("name", "message", "hardware_id"), str)
+DiagnosticStatus_ = struct("diagnostic_msgs", "DiagnosticStatus", level=byte, **WORDS, values=sequence[KeyValue_])
+DiagnosticArray_ = struct("diagnostic_msgs", "DiagnosticArray", header=Header_, status=sequence[DiagnosticStatus_])
 
 TOPICS = {
     "scan": LaserScan_,
