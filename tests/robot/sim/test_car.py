@@ -1,12 +1,21 @@
-"""The simulated car: limits, arcs, odometer."""
+"""The simulated car, and the world that steps with its board."""
 
+import itertools
 import math
+import shutil
+from functools import partial
 
+import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
+from ndtorch_robot.link.messages import Frame, Type, encode_frame, read_telemetry
+from ndtorch_robot.link.receiver import Parser
 from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.run import open_car
+from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.car import Car, CarLimits
+from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost
 
 
 def drive(car, seconds, dt=1 / 120):
@@ -54,3 +63,81 @@ def test_odometer():
 def test_bad_commands(command):
     with pytest.raises(InputError, match="finite"):
         Car().send(DriveCommand(*command))
+
+
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
+
+
+def speak(board, numbers, now, *kinds):
+    return board.run(now, b"".join(encode_frame(Frame(1, kind, next(numbers), body)) for kind, body in kinds))
+
+
+@needs_compiler
+def test_the_board_obeys_and_stands_when_it_is_not_spoken_to():
+    board = FirmwareHost()
+    say = partial(speak, board, itertools.count(1))
+    answers, _ = say(0.002, (Type.HELLO, b""))
+    assert [frame.type for frame in Parser().feed(answers)] == [Type.WELCOME]
+    say(0.004, (Type.HEARTBEAT, b""), (Type.ARM, b""))
+    command = np.array([500, 0], "<i2").tobytes()
+    widths = []
+    for n in range(1, 40):
+        _, pulses = say(0.004 + 0.02 * n, *([(Type.HEARTBEAT, b""), (Type.COMMAND, command)] if n < 20 else []))
+        widths += [(pulse.time, pulse.width) for pulse in pulses if pulse.name == "motor"]
+    assert len(widths) == 39
+    last = max(when for when, width in widths if width != 1500)
+    assert max(width for _, width in widths) == 1630  # 0.5 m/s
+    assert 0.384 + 0.13 <= last <= 0.384 + 0.17  # 0.15 s after the last heartbeat, a pulse earlier or later
+    board.close()
+    board.close()
+
+
+@needs_compiler
+def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
+    """A motor controller may take a brake that begins again for reverse."""
+    board, electronics, numbers = FirmwareHost(), Electronics(), itertools.count(1)
+
+    def say(now, *kinds):
+        answers, pulses = speak(board, numbers, now, *kinds)
+        for pulse in pulses:
+            electronics.apply(pulse)
+        told = [read_telemetry(f.body).applied.speed for f in Parser().feed(answers) if f.type == Type.TELEMETRY]
+        return told[-1] if told else None
+
+    def drive(begin, end, speed):
+        """Lowest speed of the wheels while the board says 0, and what it says at last."""
+        said, lowest = 0.0, 0.0
+        command = np.array([speed, 0], "<i2").tobytes()
+        for n in range(round((end - begin) / 0.02)):
+            heard = say(begin + 0.02 * n, (Type.HEARTBEAT, b""), (Type.COMMAND, command))
+            said = said if heard is None else heard
+            if said == 0:
+                lowest = min(lowest, electronics.target(begin + 0.02 * n).speed)
+        return lowest, said
+
+    say(0.002, (Type.HELLO, b""))
+    say(0.004, (Type.HEARTBEAT, b""), (Type.ARM, b""))
+    assert drive(0.02, 1.0, 500) == (0.0, 0.5)
+    assert drive(1.0, 1.4, -300) == (0.0, 0.0)  # in the middle of the brake
+    say(1.7)
+    say(1.704, (Type.HEARTBEAT, b""), (Type.ARM, b""))
+    lowest, said = drive(1.72, 2.6, -300)
+    assert said == -0.3
+    assert -0.03 <= lowest < 0
+    board.close()
+
+
+@needs_compiler
+def test_the_board_goes_on_while_frames_are_lost():
+    """As with a car, whose cameras do not make its board wait."""
+    simulation = SimulationTable(arena="curve", seed=3, disturbance="lost_ratio=0.8")
+    config = RunConfig(robot="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
+    with open_car(config, lambda line: None, go=False) as car:
+        world, pulses = car.drive.world, []
+        world.pulsed = lambda pulse: pulses.append(pulse.time) if pulse.name == "motor" else None
+        times = [world.read().time for _ in range(6)]
+        trouble = car.drive.trouble()
+    assert max(np.diff(times)) > 1.5 / 30
+    assert len(pulses) >= (times[-1] - times[0]) / 0.02 - 1
+    assert max(np.diff(pulses)) < 0.03
+    assert trouble == "not yet told to drive"
