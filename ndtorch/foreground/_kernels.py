@@ -223,12 +223,12 @@ def paces(
     step, share, noise_share = kind(rates.dt), kind(rates.background), kind(rates.noise)
     held, one = kind(1 - rates.object_ratio), kind(1)
     for x in range(pace.shape[0]):
-        free = one - held * kept[x]
+        free = one - held * min(kept[x], one)
         before = initialised[x] > 0
         settled = before | (static_time[x] >= rates.needed)
         initialised[x] = settled
         pace[x] = share * free if before else step / (static_time[x] + step)
-        slow[x] = noise_share * free if before else noise_share
+        slow[x] = (noise_share * free if kept[x] <= one else kind(0)) if before else noise_share
         fresh[x] = settled & (not before)
 
 

@@ -164,7 +164,7 @@ def update_background(
         model: updated.
         image: without its gain, `[3, h, w]`.
         noise: of each color, `[3]`.
-        kept: 1 where tracked objects are, `[h, w]`.
+        kept: 1 where tracked objects are, 3 where long stationary ones are, `[h, w]`.
         dt: seconds of a step.
     """
     model.frames = seen = model.frames + 1

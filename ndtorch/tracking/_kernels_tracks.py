@@ -123,9 +123,9 @@ def mark_tracks(labels: Array, marks: Array, mask: Array, kept: Array) -> None:
 
     Args:
         labels: number of the track of every pixel plus one, `[h, w]` int32.
-        marks: whether it is an object, and whether the background is kept under it, `[n, 2]` uint8.
+        marks: whether it is an object, and what `kept` becomes under it, `[n, 2]` uint8.
         mask: becomes the first of every pixel, `[h, w]` uint8.
-        kept: becomes 1 where the second is of a pixel or one beside it, 0 elsewhere, `[h, w]` float32.
+        kept: becomes the largest second of a pixel and those beside it, `[h, w]` float32.
     """
     height, width = labels.shape
     wide = np.zeros((height + 2, width + 2), np.uint8)

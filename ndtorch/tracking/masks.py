@@ -74,17 +74,20 @@ def measure_detections(
     return found
 
 
-def object_mask(labels: Labels, objects: Sequence[int], kept: Sequence[int], count: int, under: Floats) -> Bytes:
+def object_mask(
+    labels: Labels, objects: Sequence[int], kept: Sequence[int], quiet: Sequence[int], count: int, under: Floats
+) -> Bytes:
     """1 where objects are, 0 elsewhere, `[h, w]`.
 
     Args:
         labels: number of the track of every pixel plus one, `[h, w]`.
-        objects, kept: numbers of tracks; count: tracks begun so far.
-        under: becomes 1 where one of `kept` is or beside it, 0 elsewhere, `[h, w]`.
+        objects, kept, quiet: numbers of tracks; count: tracks begun so far.
+        under: becomes 3 where one of `quiet` is or beside it, 1 where one of `kept` is, 0 elsewhere, `[h, w]`.
     """
     marks = np.zeros((count + 1, 2), np.uint8)
     marks[[number + 1 for number in objects], 0] = 1
     marks[[number + 1 for number in kept], 1] = 1
+    marks[[number + 1 for number in quiet], 1] |= 2
     mask = np.empty(labels.shape, np.uint8)
     mark_tracks(labels, marks, mask, under)
     return mask

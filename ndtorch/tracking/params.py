@@ -98,7 +98,7 @@ class TrackingParams(Constants):
         2.0, "What is in or beside something of this many times its area may be a fragment of it.", ge=1
     )
     stationary_after_s: float = constant(1.5, "An object that has not moved for this many seconds is stationary.", ge=0)
-    stationary_max_s: float = constant(60.0, "A stationary object becomes background after this many seconds.", ge=0)
+    stationary_max_s: float = constant(600.0, "A stationary object becomes background after this many seconds.", ge=0)
     tentative_max_s: float = constant(
         1.0, "A track that is not confirmed becomes background after this many seconds.", ge=0
     )

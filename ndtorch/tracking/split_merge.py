@@ -11,7 +11,7 @@ from ndtorch.foreground.arrays import Floats, Numbers
 from ndtorch.tracking.association import MIN_AGE_S, NEVER, Association, pair_costs
 from ndtorch.tracking.blobs import Blobs
 from ndtorch.tracking.params import TrackingParams
-from ndtorch.tracking.track import Track
+from ndtorch.tracking.track import PARKED_S, Track, stands
 
 MAX_COST = 1.5
 """A track leaves a group at no more than this cost, and only if it was followed for `MIN_AGE_S`."""
@@ -26,7 +26,7 @@ def resolve_splits(
     """Give tracks of groups to unmatched blobs beside them; `found` is changed.
 
     All tracks of a group meet the largest blob that is left of it, so the others would begin new tracks. Their colors
-    are those from before the group merged: in a group they are not learned.
+    are those from before the group merged: in a group they are not learned. A parked one stays.
     """
     free = found.unmatched_blobs
     for r, ks in found.tracks.items() if free else ():
@@ -35,6 +35,7 @@ def resolve_splits(
             continue
         ones = [tracks[k] for k in group]
         left = pair_costs(ones, free, blobs, image, time, p.split_color_cost, MAX_COST, p)
+        left[[stands(one, time, PARKED_S) for one in ones]] = NEVER
         near = np.flatnonzero((left < NEVER).any(0))
         if not len(near):
             continue

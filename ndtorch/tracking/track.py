@@ -26,6 +26,10 @@ PATCH = 12
 MOVED_SIZES = 0.5
 """A track has moved on if it is this many sizes from its anchor."""
 
+QUIET_S, PARKED_S = 10.0, 30.0
+"""Once an object is stationary for so many seconds the noise under it is not learned, or it would hide it; and it is
+parked: what covers it passes, and does not take it along."""
+
 
 class TrackState(IntEnum):
     """Life cycle of a track. CONFIRMED, STATIONARY and LOST tracks are objects; TENTATIVE ones are not, or no more."""
@@ -230,6 +234,11 @@ def update_stationary(tracks: Sequence[Track], time: float, p: TrackingParams) -
         if track.is_object:
             still = time - track.last_moved >= p.stationary_after_s
             track.state = TrackState.STATIONARY if still else TrackState.CONFIRMED
+
+
+def stands(track: Track, time: float, seconds: float) -> bool:
+    """Whether an object has been stationary for longer than that."""
+    return track.state == TrackState.STATIONARY and time - track.last_moved > seconds
 
 
 def is_kept_from_background(track: Track, time: float, width: float, p: TrackingParams) -> bool:

@@ -23,7 +23,10 @@ from ndtorch.tracking.rigid_motion import update_appearance_match
 from ndtorch.tracking.split_merge import resolve_splits
 from ndtorch.tracking.track import (
     MOVED_SIZES,
+    PARKED_S,
     PIXELS,
+    PLACE,
+    QUIET_S,
     Rows,
     Track,
     TrackState,
@@ -31,6 +34,7 @@ from ndtorch.tracking.track import (
     is_kept_from_background,
     is_small,
     split_lost,
+    stands,
     table_from_tracks,
     tracks_from_table,
     update_stationary,
@@ -229,18 +233,21 @@ class Tracker:
             self.ghosts = trace_back(self.ghosts, self.tracks, time - seen_for, time, self.params)
 
     def object_mask(self, time: float, kept: Floats) -> Bytes:
-        """1 where objects are, 0 elsewhere, `[h, w]`; `kept` becomes 1 where the background is not learned."""
+        """1 where objects are, 0 elsewhere, `[h, w]`; `kept` becomes 1 where the background is not learned, 3 where
+        its noise is neither."""
         width = self.labels.shape[1] / self.labels.shape[0]
         objects = [one.number for one in self.tracks if one.is_object]
         keep = [one.number for one in self.tracks if is_kept_from_background(one, time, width, self.params)]
-        mask = object_mask(self.labels, objects, keep, self.count, kept)
+        quiet = [one.number for one in self.tracks if one.number in keep and stands(one, time, QUIET_S)]
+        mask = object_mask(self.labels, objects, keep, quiet, self.count, kept)
         if objects:
             np.copyto(self.passed, np.float32(time), where=mask.view(np.bool_))
         return mask
 
 
 def add_detection(track: Track, time: float, seen: Detection, across: float, p: TrackingParams) -> None:
-    """Take a detection in an image so many heights across. In a shared blob the size is remembered, not measured.
+    """Take a detection in an image so many heights across. In a shared blob the size is remembered, not measured,
+    and so is the place of a parked one.
 
     To grow is not to travel: a tentative track that is much larger at once, as a screen after a cut, begins its path
     anew. What touches the edge of the image may be coming in.
@@ -254,7 +261,10 @@ def add_detection(track: Track, time: float, seen: Detection, across: float, p: 
         standing = track.state == TrackState.STATIONARY
         if seen.shared or (standing and pixels > p.parent_area_ratio * track.last[PIXELS]):
             pixels, (tall, wide) = track.last[PIXELS], extent
-            row, column = there[0] + OCCLUSION_GAIN * (row - there[0]), there[1] + OCCLUSION_GAIN * (column - there[1])
+            if stands(track, time, PARKED_S) and math.dist((row, column), track.last[PLACE]) < MOVED_SIZES * track.size:
+                row, column = there = track.last[PLACE]
+            else:
+                row, column = (at + OCCLUSION_GAIN * (to - at) for at, to in zip(there, (row, column), strict=True))
         else:
             if not track.is_object and pixels > p.max_area_ratio * track.last[PIXELS]:
                 room = min(row - tall / 2, column - wide / 2, 1 - row - tall / 2, across - column - wide / 2)

@@ -168,3 +168,16 @@ def test_motion_is_change_above_the_noise_and_its_neighbours_move_along(size: tu
     else:
         blocks = (blurred - previous).reshape(3, size[0] // 8, 8, size[1] // 8, 8).mean((2, 4))
         assert changed == pytest.approx((np.abs(blocks).max(0) > 0.02).mean())
+
+
+@pytest.mark.parametrize(("kept", "pace"), [(0, 1.0), (1, PARAMS.object_learning_ratio), (3, 0.0)])
+def test_the_noise_under_an_object_is_learned_slowly_and_not_at_all_under_a_parked_one(kept: int, pace: float) -> None:
+    model = BackgroundModel.start(np.full((3, *SIZE), 0.5, np.float32), PARAMS)
+    model.initialised[...] = 1
+    image, noise = model.mean + np.float32(0.01), np.full(3, 0.02, np.float32)
+    before, mean = model.deviation.copy(), model.mean.copy()
+    update_background(model, image, noise, np.full(SIZE, kept, np.float32), DT, PARAMS)
+    # Of the first frames the mean is learned: a sixth at the first.
+    assert model.deviation - before == pytest.approx(pace / 6 * (0.01 - before), abs=1e-6)
+    follows = (PARAMS.object_learning_ratio if kept else 1.0) * (1 - np.exp(-DT / PARAMS.tau_background))
+    assert model.mean - mean == pytest.approx(follows * 0.01, abs=1e-6)

@@ -7,19 +7,23 @@ import pytest
 
 from ndtorch.tracking.association import Association
 from ndtorch.tracking.blobs import Blobs
+from ndtorch.tracking.masks import Detection
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.split_merge import resolve_splits
-from ndtorch.tracking.track import Track, TrackState
+from ndtorch.tracking.track import PARKED_S, PLACE, Track, TrackState
+from ndtorch.tracking.tracker import add_detection
 
 HEIGHT, SIDE = 100, 20
 RED, GREEN = np.array([0.8, 0.2, 0.2]), np.array([0.2, 0.7, 0.2])
 NOW = 2.0
 
 
-def track(number: int, column: float, color: np.ndarray, seconds: float = 1.5) -> Track:
+def track(number: int, column: float, color: np.ndarray, seconds: float = 1.5, parked: bool = False) -> Track:
     """An object of a fifth of the picture that stood at one place until now."""
     one = Track.begin(number, 0.0, np.array([0.5, column]))
     one.state, one.extent, one.color = TrackState.CONFIRMED, np.full(2, SIDE / HEIGHT), color
+    if parked:
+        one.state, one.last_moved = TrackState.STATIONARY, NOW - 1.01 * PARKED_S
     for time in (NOW - 0.04 - seconds, NOW - 0.04):
         box = (0.4, column - 0.1, 0.6, column + 0.1)
         one.new_detections.append((time, 0.5, column, *box, (SIDE / HEIGHT) ** 2, 0.5, column))
@@ -66,3 +70,17 @@ def test_of_one_color_the_nearer_one_leaves() -> None:
 )
 def test_nobody_leaves(ones: list[Track], left: int) -> None:
     assert split_blobs(ones, (45, RED), (left, GREEN)) == {0: [0, 1], 1: []}
+
+
+def test_a_parked_one_does_not_leave_with_what_passes() -> None:
+    ones = [track(0, 0.6, RED), track(1, 0.65, GREEN, parked=True)]
+    assert split_blobs(ones, (45, GREEN), (68, RED)) == {0: [1], 1: [0]}
+    assert split_blobs(ones, (45, RED), (68, GREEN)) == {0: [0, 1], 1: []}
+
+
+@pytest.mark.parametrize(("parked", "follows"), [(True, 0.0), (False, 0.3)])
+def test_in_a_shared_blob_a_parked_one_keeps_its_place(parked: bool, follows: float) -> None:
+    one = track(1, 0.6, GREEN, parked=parked)
+    seen = Detection((0.5, 0.65), (0.5, 0.65), (0.2, 0.3), 0.06, GREEN, np.zeros(4), 0.0, True)
+    add_detection(one, NOW, seen, 1.6, TrackingParams())
+    assert one.last[PLACE] == pytest.approx((0.5, 0.6 + follows * 0.05))

@@ -177,11 +177,11 @@ class Foreground(Seeded):
         from ndtorch_train.benchmark.ablation import ablation_benchmark
         from ndtorch_train.benchmark.foreground import Generated, foreground_benchmark
 
+        negative = None if self.negative is None else (self.negative, self.negative_seconds)
         if self.ablate:
-            return ablation_benchmark(self.split, self.folder)
+            return ablation_benchmark(self.split, self.folder, negative)
 
         generated = Generated(self.generated, self.counts, self.fps, self.keep) if self.generated else None
-        negative = None if self.negative is None else (self.negative, self.negative_seconds)
         clips = self.folder, generated, negative, self.streets, self.dishes
         return foreground_benchmark(self.methods, self.rows, self.split, *clips)
 
