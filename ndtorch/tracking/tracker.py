@@ -262,9 +262,9 @@ def add_detection(track: Track, time: float, seen: Detection, across: float, p: 
         if seen.shared or (standing and pixels > p.parent_area_ratio * track.last[PIXELS]):
             pixels, (tall, wide) = track.last[PIXELS], extent
             if stands(track, time, PARKED_S) and math.dist((row, column), track.last[PLACE]) < MOVED_SIZES * track.size:
-                row, column = there = track.last[PLACE]
-            else:
-                row, column = (at + OCCLUSION_GAIN * (to - at) for at, to in zip(there, (row, column), strict=True))
+                row, column = track.last[PLACE]
+                there = row, column
+            row, column = there[0] + OCCLUSION_GAIN * (row - there[0]), there[1] + OCCLUSION_GAIN * (column - there[1])
         else:
             if not track.is_object and pixels > p.max_area_ratio * track.last[PIXELS]:
                 room = min(row - tall / 2, column - wide / 2, 1 - row - tall / 2, across - column - wide / 2)
