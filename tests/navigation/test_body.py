@@ -12,6 +12,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import CRUISE, Body, Command, Navigator, Pose, StereoRig
 from ndtorch.navigation.body import SPOT_RADIUS, match_params, proximity_params, rig_in_units, search_params
 from ndtorch.navigation.controllers.ranging import RangingControl, RangingParams
+from ndtorch.navigation.controllers.ranging.spin import turn_on_spot
 from ndtorch.navigation.proximity import Obstacles
 from ndtorch.navigation.stereo.correspondence import MatchParams
 from ndtorch.navigation.stereo.ranging import Ranges
@@ -102,6 +103,17 @@ def test_a_differential_drive_turns_on_the_spot_where_others_back() -> None:
         speeds.append((command.speed, abs(command.curvature)))
     assert speeds[0][0] < 0
     assert speeds[1] == (pytest.approx(0.8 * SPOT_RADIUS), pytest.approx(1 / SPOT_RADIUS))
+
+
+@pytest.mark.parametrize(("evidence", "turns"), [(-2.0, True), (0.0, False), (2.0, False)])
+def test_a_turn_on_the_spot_needs_a_circle_that_was_seen_free(evidence: float, turns: bool) -> None:
+    """One cell of the circle behind the body is enough to prevent it."""
+    control = RangingControl(RIG, 1 / 30, RangingParams(body=Body(min_turn_radius_m=0.0)))
+    cost = np.full((64, 64), -2.0, np.float32)
+    cost[np.floor(-0.30 / 0.08).astype(int), 0] = evidence
+    assert control.spin is not None
+    turn = turn_on_spot(cost, Pose(0.0, 0.0, 0.0), 1.0, control.spin, control.tables, seen=True)
+    assert (turn is not None) == turns
 
 
 def test_a_small_robot_and_one_whose_cameras_see_too_little_floor() -> None:

@@ -51,14 +51,16 @@ def spin_of(params: RangingParams, tables: RangingTables) -> Spin | None:
         return None
     arcs = [(1 / SPOT_RADIUS, 1), (-1 / SPOT_RADIUS, 1)]
     primitives = motion_primitives(arcs, p.body, p.safety_margin_m, SPOT_RADIUS * math.pi, step)
+    # All of the outline swings into what the cameras have not ahead of them.
+    primitives = primitives._replace(leading=primitives.x.size // (len(arcs) * STEPS))
     under = len(tables.x) - len(tables.arcs.x)
     return Spin(primitives, under, p.min_free_m, p.cruise_above_m, p.tight_speed_m_per_s)
 
 
 def lengths(cost: Array, pose: Pose, places: tuple[Array, Array], arcs: Primitives, tables: RangingTables) -> Array:
-    """Free lengths of arcs, m, whose outlines pass through places of the body frame."""
+    """Free lengths of arcs, and those seen free, `[2, A]` m, whose outlines pass through places of the body frame."""
     at = cell_index(*places, tuple(pose), tables.grid.cell, cost.shape[0])
-    return free_distances(cost, at, arcs, tables.grid.blocked, tables.grid.unknown)[0]
+    return free_distances(cost, at, arcs, tables.grid.blocked, tables.grid.unknown)
 
 
 def spun(
@@ -71,19 +73,25 @@ def spun(
     if state.mode not in (REVERSE, STOPPED, TURN) or state.floor.age <= tables.floor.learning:
         return command, state
     cost = costs(state.grid, tables.grid.blocked)
-    free = lengths(cost, pose, (tables.x[spin.under :], tables.y[spin.under :]), tables.arcs, tables)
+    free = lengths(cost, pose, (tables.x[spin.under :], tables.y[spin.under :]), tables.arcs, tables)[0]
     wide, tight = (WIDE_LEFT, TIGHT_LEFT) if state.turn_side > 0 else (WIDE_RIGHT, TIGHT_RIGHT)
     if state.mode == TURN and max(free[wide], free[tight]) >= spin.min_free_m:
         return command, state
     if free[AHEAD] >= spin.cruise_above_m:
         return Command(spin.speed_m_per_s, 0.0), state._replace(mode=TURN)
-    turn = turn_on_spot(cost, pose, state.turn_side, spin, tables)
+    turn = turn_on_spot(cost, pose, state.turn_side, spin, tables, seen=True)
     return (command, state) if turn is None else (turn, state._replace(turn_side=math.copysign(1.0, turn.curvature)))
 
 
-def turn_on_spot(cost: Array, pose: Pose, side: float, spin: Spin, tables: RangingTables) -> Command | None:
-    """A turn to a side, positive for the left, or to the other one where only there is room; None where nowhere is."""
-    around = lengths(cost, pose, (spin.arcs.x, spin.arcs.y), spin.arcs, tables) / spin.arcs.step
+def turn_on_spot(
+    cost: Array, pose: Pose, side: float, spin: Spin, tables: RangingTables, seen: bool = False
+) -> Command | None:
+    """A turn to a side, positive for the left, or to the other one where only there is room; None where nowhere is.
+
+    Args:
+        seen: only where the whole circle was seen free.
+    """
+    around = lengths(cost, pose, (spin.arcs.x, spin.arcs.y), spin.arcs, tables)[int(seen)] / spin.arcs.step
     sides = (1.0, -1.0) if side > 0 else (-1.0, 1.0)
     room = (side for side in sides if around[0 if side > 0 else 1] > MIN_STEPS - 0.5)
     return next((Command(TURN_RATE * SPOT_RADIUS, side / SPOT_RADIUS) for side in room), None)
