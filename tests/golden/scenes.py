@@ -60,7 +60,7 @@ def crossing(image: Image, n: int) -> None:
 
 
 def stopping(image: Image, n: int) -> None:
-    """Blue enters, stops after 4 s and becomes background a minute later; then red passes above it."""
+    """Blue enters, stops after 4 s and stays; a minute later red passes above it."""
     square(image, 64, -SIDE + 4 * (min(n, 50) - 20), BLUE)
     square(image, 8, -SIDE + 5 * (n - 680), RED)
 

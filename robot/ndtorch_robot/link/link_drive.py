@@ -63,7 +63,11 @@ class LinkDrive(Drive):
     # What the loop calls.
 
     def send(self, command: SafeCommand) -> DriveCommand:
-        """Drive like this from now on, if the safety layer made it; returns what was sent, a stop when not armed."""
+        """Drive like this from now on; returns what was sent, rounded as the line does, or a stop when not armed.
+
+        Raises:
+            TypeError: a command that did not come through the safety layer.
+        """
         wanted = unseal(command)
         now = self.now()
         self.last_command = now
