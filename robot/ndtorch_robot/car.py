@@ -105,7 +105,10 @@ class Car:
                 wanted = self.runner.command(frames, driven, placed, anew)
         else:
             self.runner.roll(driven)
-        sent = self.safe.send(wanted if self.steer is None else self.steer(wanted))
+        if self.steer is not None:
+            self.runner.complete()  # who steers reads the state, and may change it
+            wanted = self.steer(wanted)
+        sent = self.safe.send(wanted)
         if good and frames is not None:
             timer.add("frame to command", clock.now() - frames.time)
             with timer.part("remember"):
