@@ -11,9 +11,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import CRUISE, TURN
+from ndtorch.navigation import CRUISE, TURN, Pose
 from ndtorch.navigation.body import braking_speed
 from ndtorch.navigation.controllers.ranging._kernels import RangingState
 from ndtorch.navigation.controllers.ranging._kernels_floor import known_share, speed_share
@@ -21,6 +22,8 @@ from ndtorch.navigation.local_grid._kernels import cell_index, costs, free_dista
 from ndtorch.navigation.local_grid.motion_primitives import motion_primitives
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import STAND, DriveCommand
+
+Array = npt.NDArray[Any]
 
 LONGEST = 1.6
 """Length of the path ahead that is looked at, in units of the body, m: the grid reaches no farther at all sides."""
@@ -37,6 +40,9 @@ BRAKE_SHARE, SEEING_S = 0.6, 0.05
 
 STOP, RESUME = 0.1, 0.3
 """It stands where less than the first is free, and goes on where the second is, in units of the body, m."""
+
+STATIONARY_M = 0.002
+"""A pose that changes by less from step to step is that of a car that stands, m and rad."""
 
 UNSEEN_SPEED = 0.3
 """It drives no faster than this into what was not seen free, in units of the body, m/s."""
@@ -68,6 +74,7 @@ class Guard:
             raise InputError(f"a guard sees with the controller 'ranging', got {self.control.name!r}")
         self.runner, self.wish = runner, wish
         self.free, self.stopped, self.steps = 0.0, False, 0
+        self.held: tuple[Pose, Array] | None = None
 
     def __call__(self, wanted: DriveCommand) -> DriveCommand:
         """The command to send; `wanted`, of the `ranging` controller, counts while the floor is learned."""
@@ -117,6 +124,18 @@ class Guard:
             most = most if share >= 1 else min(most, share * self.control.params.speed_m_per_s * unit)
         return most
 
+    def costs(self, control: RangingState) -> Array:
+        """Costs of the local grid; while the car stands, what was blocked stays so until it is seen free.
+
+        From where it stands it may not see again what it saw on the path to it.
+        """
+        g, pose = self.control.tables.grid, self.runner.state.pose  # type: ignore[union-attr]
+        found = np.array(costs(control.grid, g.blocked))
+        if self.held is not None and math.dist(self.held[0], pose) < STATIONARY_M:
+            found = np.where((self.held[1] >= g.blocked) & (found >= g.unknown), self.held[1], found)
+        self.held = pose, found
+        return found
+
     def stops_within(self, length: float) -> float:
         """The speed from which the car stops within a length, reaction included, m/s."""
         body = self.runner.body
@@ -132,5 +151,5 @@ class Guard:
         here = (float(pose.x) / self.unit, float(pose.y) / self.unit, float(pose.heading))
         at = cell_index(arc.x, arc.y, here, p.grid.cell_m, p.grid.size_cells)
         g = self.control.tables.grid
-        found = free_distances(costs(control.grid, g.blocked), at, arc, g.blocked, g.unknown)
+        found = free_distances(self.costs(control), at, arc, g.blocked, g.unknown)
         return float(found[0, 0]), float(found[1, 0])

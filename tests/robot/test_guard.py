@@ -79,6 +79,17 @@ def test_it_stands_until_enough_is_free_again():
     assert not near.stopped
 
 
+def test_what_stopped_it_blocks_until_it_is_seen_free():
+    """What a standing car no longer sees, because it is too near, fades from its memory."""
+    guard = guarded([(0.38, 0.0)], (0.5, 0.0))
+    assert guard(STAND).speed == 0.0
+    for evidence, speed in ((0.0, 0.0), (-2.0, 0.5)):
+        state = guard.runner.state
+        grid = state.control.grid._replace(evidence=np.full_like(state.control.grid.evidence, evidence))
+        guard.runner.state = state._replace(control=state.control._replace(grid=grid))
+        assert guard(STAND).speed == speed
+
+
 def test_into_the_unseen_it_goes_slowly_and_neither_backward_nor_around_a_corner():
     assert guarded([], (0.6, 0.0), seen=False)(STAND).speed == 0.3
     assert guarded([], (-0.3, 0.0))(STAND).speed == -0.3
