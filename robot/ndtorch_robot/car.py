@@ -105,10 +105,11 @@ class Car:
                 wanted = self.runner.command(frames, driven, placed, anew)
         else:
             self.runner.roll(driven)
+        steered = wanted
         if self.steer is not None:
             self.runner.complete()  # who steers reads the state, and may change it
-            wanted = self.steer(wanted)
-        sent = self.safe.send(wanted)
+            steered = self.steer(wanted)
+        sent = self.safe.send(steered)
         if good and frames is not None:
             timer.add("frame to command", clock.now() - frames.time)
             with timer.part("remember"):
