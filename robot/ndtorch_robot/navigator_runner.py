@@ -10,7 +10,6 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Body, Command, Grid, Navigator, NavigatorState, Pose, StereoRig
-from ndtorch.navigation.localisation import LocaliserState
 from ndtorch.navigation.mapping.map_rendering import map_cells
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.navigator_table import configuration
@@ -59,7 +58,6 @@ class NavigatorRunner:
         self.state: NavigatorState | None = None
         self.time = -math.inf
         self.rest: Callable[[], NavigatorState] | None = None
-        self.kept: tuple[NavigatorState, Placed] | None = None
         self.options, self.grid, self.near_check = options, grid, near_check
         self.new_goal: tuple[float, float] | None = None
 
@@ -105,8 +103,8 @@ class NavigatorRunner:
             at = self.state.pose if self.state is not None else None
             if placed is not None:
                 at = Pose(*map(float, placed))
-            command, self.rest = self.navigator.command_first(frames.left, frames.right, start=at)
-            self.kept = None if before is None else (before, placed)
+            command, rest = self.navigator.command_first(frames.left, frames.right, start=at)
+            self.rest = lambda: self.carried_over(before, rest(), placed)
         else:
             if anew:
                 before = before._replace(fields=None, rows=None)
@@ -118,13 +116,8 @@ class NavigatorRunner:
 
     def complete(self) -> None:
         """Map, localiser, and what the next command needs; nothing where that is done."""
-        if self.rest is None:
-            return
-        self.state, self.rest = self.rest(), None
-        if self.kept is not None:
-            before, placed = self.kept
-            self.state = self.state._replace(map=before.map, located=self.located(before, self.state, placed))
-            self.kept = None
+        if self.rest is not None:
+            self.state, self.rest = self.rest(), None
 
     def roll(self, driven: DriveCommand) -> None:
         """Update the pose by a step without usable frames."""
@@ -136,11 +129,14 @@ class NavigatorRunner:
         """Why the controller stops or drives slowly, in words; None where it has no reason to."""
         return None if self.state is None else self.navigator.controller.status_message(self.state.control)
 
-    def located(self, before: NavigatorState, state: NavigatorState, placed: Placed) -> LocaliserState | None:
-        """State of the localiser after a restart: that of before, at the new place."""
-        if before.located is None or self.navigator.localiser is None:
-            return None
-        return before.located if placed is None else self.navigator.localiser.reset_pose(before.located, state.pose)
+    def carried_over(self, before: NavigatorState | None, state: NavigatorState, placed: Placed) -> NavigatorState:
+        """The state after a restart, with the map of before and its localiser, at the new place."""
+        if before is None:
+            return state
+        located, localiser = before.located, self.navigator.localiser
+        if located is not None and localiser is not None and placed is not None:
+            located = localiser.reset_pose(located, state.pose)
+        return state._replace(map=before.map, located=None if localiser is None else located)
 
     def map_cells(self) -> torch.Tensor:
         """The map as far as is known now, `[rows, columns]`, its largest cell 1."""

@@ -1,10 +1,10 @@
-"""Home after a long way: out by exploring, back to the start, with maps of several sizes on the way home.
+"""Home after a long way: out by exploring, back to the start, with maps of several sizes.
 
-    python -m ndtorch_robot.evaluation.homing office 9001 9006    # one line of JSON for each way home
+    python -m tests.benchmarks.homing office 9001 9006    # one line of JSON for each drive home
 
 The odometry is wrong and the wheels slip. After 30 to 110 m, as the seed draws, the car is sent home, from the same
 place and in the same state for each map. Beside the full localiser are maps of `localisation.compact_map`, which do not
-change on the way home.
+change on the drive home.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ SHARES: dict[str, float | None] = {"full": None, "compact": 1.0, "half": 0.5, "q
 
 @dataclass
 class Leg:
-    """A drive one way.
+    """A drive out or home.
 
     Attributes:
         metres: driven.
@@ -88,8 +88,8 @@ def compacted(located: LocaliserState, cell_m: float, home: tuple[float, float],
     return packed, located._replace(ndt_map=ndt_map, graph=None, log=None)
 
 
-def ways_home(arena: str, seed: int, shares: dict[str, float | None]) -> list[dict[str, Any]]:
-    """Where the car ends after each way home."""
+def drives_home(arena: str, seed: int, shares: dict[str, float | None]) -> list[dict[str, Any]]:
+    """Where the car ends after each drive home."""
     wrong: dict[str, object] = {"odometry": "noisy", "disturbance": "slip"}
     asked: dict[str, object] = {"controller": "goal", "explore": True, "localise": True}
     config = load_config(None, {"arena": arena, "seed": seed, **wrong, **asked})
@@ -151,4 +151,4 @@ def ways_home(arena: str, seed: int, shares: dict[str, float | None]) -> list[di
 if __name__ == "__main__":
     torch.set_num_threads(1)
     for seed in range(int(sys.argv[2]), int(sys.argv[3])):
-        ways_home(sys.argv[1], seed, SHARES)
+        drives_home(sys.argv[1], seed, SHARES)
