@@ -186,11 +186,18 @@ class StereoCameras(Closing):
                     self.seen = self.count
                     return self.pair
                 for side, reader in enumerate(self.readers):
-                    if reader.ended and self.count == self.seen:
+                    if reader.ended and self.count == self.seen and not self.awaited(side):
                         raise FramesEnded(f"{SIDES[side]} {self.sources[side].name} ended after {reader.frames} frames")
                 if now - began >= limit:
                     raise CamerasSilent(self.silence(now))
                 self.changed.wait(min(limit - (now - began), 0.02))
+
+    def awaited(self, side: int) -> bool:
+        """Whether the last frame of a file waits for that of the other file."""
+        other, frame, newest = self.readers[1 - side], self.pairing.newest[side], self.pairing.newest[1 - side]
+        if frame is None or not self.pairing.free[side] or other.ended or other.source.live:
+            return False
+        return newest is None or newest.time < frame.time
 
     def next_images(self) -> Pair:
         """The next frame of both files; the time is that of playing at their rate."""
