@@ -39,8 +39,9 @@ from ndtorch_robot.sim.simulation import Simulation
 OUT_M, OUT_S, HOME_S, STANDS = (30.0, 110.0), 900.0, 300.0, 30
 """Metres out, seconds after which either leg ends, and steps for which an arrived car has stood."""
 
-SHARES: dict[str, float | None] = {"full": None, "compact": 1.0, "half": 0.5, "quarter": 0.25}
-"""Share of the map's cells that is kept, those nearest to home; None is the full localiser."""
+SHARES: dict[str, float | None] = {"full": None, "compact": 1.0, "quarter": 0.25, "none": 0.0}
+"""Share of the map's cells that is kept, those nearest to home; None is the full localiser, 0 the corrected pose of the
+turning point and dead reckoning from there."""
 
 
 @dataclass
