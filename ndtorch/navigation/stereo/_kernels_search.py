@@ -207,7 +207,7 @@ def compare_rows(
         now, start = c & 1, width - 1 - c
         for r in range(rows - 1):
             differ(left[r, c], turned, r, start, reach, new)
-        follow(left[rows - 1, c], turned, rows - 1, start, reach, new, windows, c % size, total, share, lines, now)
+        follow(left[rows - 1, c], turned[rows - 1], start, reach, new, windows[c % size], total, share, lines[now])
         if n <= 0:
             continue
         k = first_least(bits, now, n, behind)
@@ -244,27 +244,24 @@ def differ(here: float, turned: Floats, r: int, start: int, reach: int, new: Flo
 def follow(
     here: float,
     turned: Floats,
-    r: int,
     start: int,
     reach: int,
     new: Floats,
-    windows: Floats,
-    slot: int,
+    oldest: Floats,
     total: Floats,
     share: float,
-    lines: Floats,
-    now: int,
+    line: Floats,
 ) -> None:
-    """Windows move on by a column: their sums lose the old one in a slot, which becomes the new one, and gain that.
+    """Windows move on by a column: their sums lose the oldest one, which becomes the new one, and gain that.
 
     The last row is compared on the way; `new` holds what the others add.
     """
     for k in range(reach):
-        fresh = new[k] + abs(here - turned[r, np.uintp(start + k)])
-        value = total[k] - windows[slot, k] + fresh
-        windows[slot, k] = fresh
+        fresh = new[k] + abs(here - turned[np.uintp(start + k)])
+        value = total[k] - oldest[k] + fresh
+        oldest[k] = fresh
         total[k] = value
-        lines[now, k] = value * share
+        line[k] = value * share
 
 
 @jit
