@@ -147,3 +147,11 @@ def test_import_loads_nothing_heavy_and_changes_no_setting(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == []
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_kernel_takes_at_most_ten_arguments():
+    for package in PACKAGES:
+        for file in folder_of(package).rglob("_kernels*.py"):
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.FunctionDef):
+                    assert len(node.args.args) <= 10, f"{file.name}: {node.name}"
