@@ -1,22 +1,18 @@
-"""Home after a long way: out by exploring, back to the start, with maps of several sizes.
+"""Home after a long way: out by exploring, back to the start, with localisers that keep more or less.
 
-    python -m tests.benchmarks.homing office 9001 9006    # one line of JSON for each drive home
+    python -m tests.benchmarks.homing office 9001 9006    # one line of JSON for each drive
 
-The odometry is wrong and the wheels slip. After 30 to 110 m, as the seed draws, the car is sent home, from the same
-place and in the same state for each map. Beside the full localiser are maps of `localisation.compact_map`, which do not
-change on the drive home.
+The odometry is wrong and the wheels slip. After 30 to 110 m, as the seed draws, the car is sent home. `submaps` is the
+default; `one map` closes no loops; `packed` packs that map into six bytes a cell every ten seconds.
 """
 
-from __future__ import annotations
-
-import copy
 import json
 import math
 import pickle
 import sys
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +21,7 @@ import torch
 from ndtorch.navigation import ARRIVED
 from ndtorch.navigation.localisation import LocaliserState
 from ndtorch.navigation.localisation.compact_map import compact_map, expand_map
+from ndtorch.navigation.localisation.ndt import to_sparse
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig, load_config
@@ -39,9 +36,8 @@ from ndtorch_robot.sim.simulation import Simulation
 OUT_M, OUT_S, HOME_S, STANDS = (30.0, 110.0), 900.0, 300.0, 30
 """Metres out, seconds after which either leg ends, and steps for which an arrived car has stood."""
 
-SHARES: dict[str, float | None] = {"full": None, "compact": 1.0, "quarter": 0.25, "none": 0.0}
-"""Share of the map's cells that is kept, those nearest to home; None is the full localiser, 0 the corrected pose of the
-turning point and dead reckoning from there."""
+PACKED_STEPS = 300
+MODES = "submaps", "one map", "packed"
 
 
 @dataclass
@@ -80,21 +76,16 @@ class Leg:
         car.run(seconds)
 
 
-def compacted(located: LocaliserState, cell_m: float, home: tuple[float, float], share: float) -> tuple[bytes, Any]:
-    """The packed map, and the localiser's state with it instead of submaps and log."""
-    whole = compact_map(located.ndt_map, cell_m, home)
-    cells = len(zlib.decompress(whole)) // 6
-    packed = compact_map(located.ndt_map, cell_m, home, round(share * cells))
-    ndt_map = expand_map(packed, len(located.ndt_map), cell_m)
-    return packed, located._replace(ndt_map=ndt_map, graph=None, log=None)
-
-
-def drives_home(arena: str, seed: int, shares: dict[str, float | None]) -> list[dict[str, Any]]:
-    """Where the car ends after each drive home."""
+def drive_home(arena: str, seed: int, mode: str) -> dict[str, Any]:
+    """Where the car ends, and the bytes that its localiser keeps when it is sent home."""
     wrong: dict[str, object] = {"odometry": "noisy", "disturbance": "slip"}
     asked: dict[str, object] = {"controller": "goal", "explore": True, "localise": True}
     config = load_config(None, {"arena": arena, "seed": seed, **wrong, **asked})
     runner = NavigatorRunner(config.options(), config.rig, config.rate)
+    localiser = runner.navigator.localiser
+    assert localiser is not None
+    localiser.params = replace(localiser.params, loop_closure=mode == "submaps")
+    cell_m, size = localiser.params.cell_m, localiser.params.map_cells
     simulation = Simulation(
         load_arena(arena, seed),
         seed,
@@ -104,52 +95,46 @@ def drives_home(arena: str, seed: int, shares: dict[str, float | None]) -> list[
         rate=config.rate,
     )
     home = simulation.pose[:2]
+
+    def located() -> LocaliserState:
+        assert runner.state is not None
+        assert runner.state.located is not None
+        return runner.state.located
+
+    def pack(step: Step) -> None:
+        state = located()
+        if mode == "packed" and state.age % PACKED_STEPS == 0:
+            ndt_map = expand_map(compact_map(state.ndt_map, cell_m, home), size, cell_m)
+            assert runner.state is not None
+            runner.state = runner.state._replace(located=state._replace(ndt_map=ndt_map))
+
     out = Leg(runner, simulation, float(np.random.default_rng(seed).uniform(*OUT_M)))
-    out.drive(config, OUT_S, [])
-    moving = ("effects", "delay", "car", "steps", "collisions", "placed")
-    begin = {name: copy.deepcopy(getattr(simulation, name)) for name in moving}
-    state, when, rows = runner.state, runner.time, []
-    assert state is not None
-    assert state.located is not None
-    assert runner.navigator.localiser is not None
-    cell_m = runner.navigator.localiser.params.cell_m
-    for name, share in shares.items():
-        for part, value in begin.items():
-            setattr(simulation, part, copy.deepcopy(value))
-        runner.state, runner.time = state, when
-        observers: list[Callable[[Step], None]] = []
-        kept: object = state.located
-        if share is not None:
-            packed, located = compacted(state.located, cell_m, home, share)
-            runner.state = state._replace(located=located)
-            kept = (packed, located._replace(ndt_map=None))
-
-            def unchanged(step: Step, ndt_map: Any = located.ndt_map) -> None:
-                assert runner.state is not None
-                assert runner.state.located is not None
-                runner.state = runner.state._replace(located=runner.state.located._replace(ndt_map=ndt_map))
-
-            observers.append(unchanged)
-        runner.drive_to(*home)
-        back = Leg(runner, simulation, math.inf)
-        back.drive(config, HOME_S, observers)
-        row = {
-            "map": name,
-            "out_m": round(out.metres, 1),
-            "bytes": len(zlib.compress(pickle.dumps(kept), 9)),
-            "map_bytes": None if share is None else len(packed),
-            "arrived": back.stood >= STANDS,
-            "error_m": round(math.dist(back.at, home), 3),
-            "hits": len(simulation.collisions),
-            "reckoning_error_m": round(math.dist((runner.state.pose.x, runner.state.pose.y), back.at), 2),
-        }
-        rows.append({"arena": arena, "seed": seed, **row})
-        print(json.dumps(rows[-1]), flush=True)
+    out.drive(config, OUT_S, [pack])
+    state, turned = located(), simulation.pose[:2]
+    packed = compact_map(state.ndt_map, cell_m, home) if mode == "packed" else to_sparse(state.ndt_map).astype("f4")
+    rest = [part for name, part in state._asdict().items() if name != "ndt_map"]
+    runner.drive_to(*home)
+    back = Leg(runner, simulation, math.inf)
+    back.drive(config, HOME_S, [pack])
+    assert runner.state is not None
     simulation.close()
-    return rows
+    return {
+        "arena": arena,
+        "seed": seed,
+        "localiser": mode,
+        "out_m": round(out.metres, 1),
+        "away_m": round(math.dist(turned, home), 1),
+        "turning_error_m": round(math.dist(state.pose[:2], turned), 3),
+        "bytes": len(zlib.compress(pickle.dumps((packed, rest)), 9)),
+        "arrived": back.stood >= STANDS,
+        "error_m": round(math.dist(back.at, home), 3),
+        "hits": len(simulation.collisions),
+        "reckoning_error_m": round(math.dist((runner.state.pose.x, runner.state.pose.y), back.at), 2),
+    }
 
 
 if __name__ == "__main__":
     torch.set_num_threads(1)
     for seed in range(int(sys.argv[2]), int(sys.argv[3])):
-        drives_home(sys.argv[1], seed, SHARES)
+        for mode in MODES:
+            print(json.dumps(drive_home(sys.argv[1], seed, mode)), flush=True)

@@ -125,6 +125,7 @@ class Localiser:
     def start(self, pose: Floats) -> LocaliserState:
         """The state of a car at a pose that has mapped nothing yet."""
         p, known = self.params, self.known is not None
+        one_map = known or not p.loop_closure
         covariance = np.diag(np.square([0.0, 0.0, 0.0, p.scale_sigma, p.bend_sigma, p.drift_sigma_rad_per_s]))
         return LocaliserState(
             ndt_map=empty_map(p.map_cells),
@@ -137,8 +138,8 @@ class Localiser:
             calibration=np.zeros(3),
             covariance=covariance,
             relocalisation=no_search() if known else None,
-            graph=None if known else submap.empty_graph(pose, p),
-            log=ScanLog() if not known and p.replay.after_m else None,
+            graph=None if one_map else submap.empty_graph(pose, p),
+            log=ScanLog() if not one_map and p.replay.after_m else None,
         )
 
     def reset_pose(self, state: LocaliserState, at: Pose) -> LocaliserState:

@@ -143,6 +143,7 @@ class LocaliserParams:
         min_sigma_rad: No scan match counts as more precise than this heading.
         min_score: Scan matches with a lower score are rejected (0..1).
         slip_gate: Odometry counts as slipping beyond this squared Mahalanobis distance of a scan match.
+        loop_closure: Submaps are kept and loops closed; with False the state is one map, of some kilobytes.
         relocalisation: These parameters belong to the search in a known map.
         stereo: These parameters belong to the stereo search of a scan.
         odometry: These parameters belong to wheel and visual odometry.
@@ -167,6 +168,7 @@ class LocaliserParams:
     min_sigma_rad: float = 0.006
     min_score: float = 0.1
     slip_gate: float = 16.0
+    loop_closure: bool = True
     relocalisation: RelocalisationParams = field(default_factory=RelocalisationParams)
     stereo: SearchParams = field(default_factory=lambda: SearchParams(count=32, min_disparity_px=8))
     odometry: OdometryParams = field(default_factory=OdometryParams)
@@ -174,7 +176,7 @@ class LocaliserParams:
     replay: ReplayParams = field(default_factory=ReplayParams)
 
     def __post_init__(self) -> None:
-        check_numbers(self, positive=set(vars(self)) - {"settle_s"})
+        check_numbers(self, positive=set(vars(self)) - {"settle_s", "loop_closure"})
         if not (self.min_range_m < self.max_range_m and self.map_cells % 2 == 0):
             raise InputError(f"expected min_range_m < max_range_m and an even number of map_cells, got {self}")
 

@@ -96,8 +96,8 @@ class LocaliserState(NamedTuple):
         age: steps since the start.
         score: of the last scan match, 0..1.
         relocalisation: the search in a known map; None without one, and once the pose was found.
-        graph: submaps; None with a known map, which is not changed.
-        log: scans to replay; None after the last replay and with a known map.
+        graph: submaps; None with a known map and without loop closure.
+        log: scans to replay; None after the last replay and without submaps.
     """
 
     ndt_map: Cells

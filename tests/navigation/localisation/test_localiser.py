@@ -1,6 +1,8 @@
 """Localisation in a small room drawn by ray casting: truth that knows nothing of the library."""
 
 import math
+import pickle
+import zlib
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import torch
 
 from ndtorch.navigation import Pose, StereoRig
 from ndtorch.navigation.localisation import Localiser, LocaliserParams
-from ndtorch.navigation.localisation.ndt import distributions
+from ndtorch.navigation.localisation.ndt import distributions, to_sparse
 from ndtorch.navigation.odometry import arc
 from tests.navigation.localisation.worlds import CORNERS, DT, PARAMS, pose_of
 from tests.navigation.planar_world import PlanarWorld
@@ -67,6 +69,18 @@ def test_it_stays_where_it_is_when_dead_reckoning_drifts_away(drive):
     offset = distributions(state.ndt_map, PARAMS.cell_m)[0][:, None] - begin
     aside = np.abs(offset[..., 0] * unit[:, 1] - offset[..., 1] * unit[:, 0]).min(1)
     assert np.median(aside) < 0.03
+
+
+def test_one_map_without_loop_closure_is_some_kilobytes(drive):
+    poses, driven, rows = drive
+    reckoned = reckon(poses, driven, 0.04, math.radians(0.5))
+    one_map = LocaliserParams(scan_interval_s=0.2, loop_closure=False)
+    found, state = run(Localiser(RIG, DT, one_map), rows, reckoned, stop=100)
+    away = [np.hypot(*(path[99] - poses[99])[:2]) for path in (found, reckoned)]
+    assert away[0] < 0.5 * away[1]
+    assert (state.graph, state.log) == (None, None)
+    kept = state._replace(ndt_map=to_sparse(state.ndt_map).astype(np.float32))
+    assert len(zlib.compress(pickle.dumps(kept))) < 16_000
 
 
 def test_a_standing_car_learns_nothing_from_what_it_sees_again(drive):
