@@ -284,7 +284,7 @@ def row_visual_odometry(
                 if square < limit:
                     inliers += 1
                     squares += square
-        if inliers < 3:
+        if inliers < 2:
             break
         determinant = (dd + 1e-6) * (tt + 1e-6) - dt * dt
         distance += min(max((tt * gd - dt * gt) / determinant, -MAX_STEP), MAX_STEP)

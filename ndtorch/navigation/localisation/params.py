@@ -33,7 +33,7 @@ class OdometryParams(Positive):
         InputError: A number is not positive.
     """
 
-    min_matches: int = 5
+    min_matches: int = 2
     scale_sigma: float = 0.1
     bend_sigma: float = 0.03
     drift_sigma_rad_per_s: float = math.radians(0.2)

@@ -17,10 +17,10 @@ from ndtorch.navigation.localisation.ndt import Scan
 from ndtorch.navigation.localisation.pose_graph import Floats
 from ndtorch.navigation.stereo.rig import StereoRig
 
-MAX_ERROR = 0.8
+MAX_ERROR = 1.5
 """Mean squared error of the inliers, in standard deviations, at most."""
 
-MIN_INLIER_RATIO = 0.85
+MIN_INLIER_RATIO = 0.7
 """Share of the matched points that must be inliers."""
 
 MIN_SIGMA_M, MIN_SIGMA_RAD = 0.001, 0.0001

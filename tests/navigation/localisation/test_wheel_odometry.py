@@ -118,11 +118,15 @@ def views():
     return found
 
 
-def errors(views, share):
-    """Of way and turn `[n, 2]`, and their standard deviations, where the wheels count a share too much."""
+def errors(views, share, points=None):
+    """Of way and turn `[n, 2]`, and their standard deviations, where the wheels count a share too much.
+
+    `points`: as many of the points ranged, by default all.
+    """
     found = []
     for way, turn, rows in views:
         before = keyframe(rows[0], stereo_scan(rows[0], RIG, LOCALISER))
+        before = before._replace(points=before.points[:points])
         seen = estimate_motion(before, rows[1], ((1 + share) * way, (1 + share) * turn), RIG, MIN_MATCHES)
         if seen is not None:
             found.append((*(seen.mean - (way, turn)), *np.sqrt(np.diag(seen.covariance))))
@@ -139,6 +143,14 @@ def test_way_and_turn_are_seen(views, share):
     assert np.mean(np.abs(found[:, 0]) < 3 * found[:, 1]) > 0.9
 
 
+@pytest.mark.parametrize("points", [1, 2])
+def test_an_edge_or_two_show_the_turn(views, points):
+    found = errors(views, 0.05, points)
+    assert len(found) > 0.4 * len(views)
+    assert np.mean(np.abs(found[:, 0]) < 3 * found[:, 1]) > 0.9
+    assert np.degrees(np.median(np.abs(found[:, 0, 1]))) < 0.1
+
+
 def test_other_rows_show_no_motion(views):
     rng = np.random.default_rng(0)
     _, _, rows = views[0]
@@ -146,4 +158,4 @@ def test_other_rows_show_no_motion(views):
     other = rng.uniform(size=rows[1].shape).astype(np.float32)
     assert estimate_motion(before, other, (0.1, 0.0), RIG, MIN_MATCHES) is None
     assert estimate_motion(before, rows[1][:, :100], (0.1, 0.0), RIG, MIN_MATCHES) is None
-    assert estimate_motion(Keyframe(before.rows, before.points[:1]), rows[1], (0.1, 0.0), RIG, MIN_MATCHES) is None
+    assert estimate_motion(Keyframe(before.rows, before.points[:0]), rows[1], (0.1, 0.0), RIG, MIN_MATCHES) is None
