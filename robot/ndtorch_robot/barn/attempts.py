@@ -51,8 +51,8 @@ class Attempt(NamedTuple):
         path: true x and y ten times a second, m.
         wall_s: real time it took.
         step_ms: median of a navigation step.
-        touched: what it touched: `"standing"`, `"moving"`, or `"seen"` for a moving cylinder ahead of its bumper that
-            had been visible for a second; empty for nothing.
+        touched: what it touched: `"standing"`, `"moving"`, `"stood"` for a moving cylinder that hit the stationary car,
+            or `"seen"` for one ahead of its bumper that had been visible for a second; empty for nothing.
         margin_m: the least distance that was seen free beyond the braking distance; inf where the controller has none.
     """
 
@@ -77,6 +77,7 @@ class Entry:
     seed: int = 0
     robot: RobotTable | None = None
     movers: tuple[Mover, ...] = ()
+    plain_movers: bool = False
 
 
 class Referee:
@@ -116,11 +117,12 @@ class Referee:
         hit = self.simulation.collisions[0]
         if not hit.person:
             return "standing"
+        if hit.stationary:
+            return "stood"
         away = [np.subtract(mover.at(hit.time), (hit.x, hit.y)) for mover in self.simulation.movers]
         nearest = int(np.argmin([np.hypot(*to) for to in away]))
         ahead = away[nearest] @ np.array((math.cos(hit.heading), math.sin(hit.heading)))
-        into = ahead > self.simulation.body.length_m / 2 and not hit.stationary
-        return "seen" if into and self.sightings.lasted(nearest) else "moving"
+        return "seen" if ahead > self.simulation.body.length_m / 2 and self.sightings.lasted(nearest) else "moving"
 
 
 def attempt(entry: Entry) -> Attempt:
@@ -137,7 +139,14 @@ def attempt(entry: Entry) -> Attempt:
     rate, limits = (RATE, LIMITS) if robot is None else (robot.rate_hz, robot.simulated_limits(body.max_speed_m_per_s))
     runner = NavigatorRunner(options, rig, rate, body=body)
     simulation = Simulation(
-        world.plan(), entry.seed, rig=rig, fields=runner.fields, rate=rate, body=body, movers=entry.movers
+        world.plan(),
+        entry.seed,
+        rig=rig,
+        fields=runner.fields,
+        rate=rate,
+        body=body,
+        movers=entry.movers,
+        plain_movers=entry.plain_movers,
     )
     try:
         age, floor = limits.age, runner.fields
@@ -213,6 +222,7 @@ def table(made: Sequence[Attempt], note: str) -> str:
     for words, some in (
         ("Hit what stands", [a for a in made if a.touched == "standing"]),
         ("Hit a moving cylinder", [a for a in made if a.touched == "moving"]),
+        ("Stood and was hit by a moving cylinder", [a for a in made if a.touched == "stood"]),
         ("Drove into a moving cylinder that was visible for a second", [a for a in made if a.touched == "seen"]),
         ("Out of time", [a for a in made if not a.collided and not a.success]),
     ):

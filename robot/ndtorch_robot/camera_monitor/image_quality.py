@@ -179,8 +179,15 @@ def change(now: Floats, before: Floats) -> float:
     return float(sd_of_change(now, before))
 
 
-def correlation(now: Floats, before: Floats) -> float:
-    """Correlation of two images without shading; 1 where there is nothing to compare."""
+def correlation(now: Floats, before: Floats, nothing: float = 1.0) -> float:
+    """Correlation of two images without shading; `nothing` where there is nothing to compare."""
     a, b = now.ravel(), before.ravel()
     size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > len(a) else 1.0
+    return float(a @ b) / size if size > len(a) else nothing
+
+
+def has_moved(now: Floats, before: Floats, limit: float) -> bool:
+    """Whether a row has moved, and three quarters of it by themselves: who passes a stationary car covers fewer."""
+    quarters = zip(np.array_split(now, 4), np.array_split(before, 4), strict=True)
+    moved = [correlation(*part, nothing=-1.0) < limit for part in quarters]
+    return correlation(now, before) < limit and sum(moved) >= 3

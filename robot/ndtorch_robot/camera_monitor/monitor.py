@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ndtorch.navigation import StereoRig, Strips, cut_strips
 from ndtorch.navigation.stereo.rig import Rect
-from ndtorch_robot.camera_monitor.image_quality import Snapshot, change, check_image, correlation, measure
+from ndtorch_robot.camera_monitor.image_quality import Snapshot, change, check_image, correlation, has_moved, measure
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.camera_monitor.motion_check import MAX_TURN, FlowDirectionCheck, View, is_frozen, is_unchanged
 from ndtorch_robot.camera_monitor.mounting_check import PATCH, MountingCheck, correlations
@@ -271,9 +271,9 @@ class CameraMonitor:
         """Whether both images have moved as a whole since the oldest view, with the wheels certainly at rest."""
         if len(self.views) < KEPT or self.driven != self.views[0].driven or self.time < self.gear_change_until:
             return False
+        limit = self.limits.static_correlation
         return all(
-            correlation(new.row_detail, was.row_detail) < self.limits.static_correlation
-            and correlation(new.field_detail, was.field_detail) < self.limits.static_correlation
+            correlation(new.field_detail, was.field_detail) < limit and has_moved(new.row_detail, was.row_detail, limit)
             for new, was in zip(images, self.views[0].images, strict=True)
         )
 

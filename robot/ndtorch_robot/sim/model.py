@@ -118,8 +118,13 @@ def build(
     rig: StereoRig | None = None,
     body: Body | None = None,
     cylinders: int = 0,
+    plain_cylinders: bool = False,
 ) -> World:
-    """Paint and build a plan. The seed decides what it looks like."""
+    """Paint and build a plan. The seed decides what it looks like.
+
+    Args:
+        cylinders: this many move, with the texture of pillars, or in plain coarse checks.
+    """
     import mujoco
 
     rng = np.random.default_rng((seed, 100))
@@ -156,12 +161,18 @@ def build(
         x, y, z = PEDESTRIAN_SIZE
         corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
         box = (mujoco.mjtGeom.mjGEOM_BOX, list(PEDESTRIAN_SIZE))
-        add_moving(spec, images, rng, "pedestrian", corners, 2 * z, box)
+        images["pedestrian"] = checks(4, rng)
+        add_moving(spec, images, "pedestrian", corners, 2 * z, box)
     for k in range(cylinders):
         solid = cylinder(0.0, 0.0, MOVING_RADIUS, MOVING_HEIGHT)
         round_ = (mujoco.mjtGeom.mjGEOM_CYLINDER, [MOVING_RADIUS, MOVING_HEIGHT / 2, 0])
         corners = [(float(a), float(b)) for a, b in solid.array[::-1]]
-        add_moving(spec, images, rng, f"moving-{k}", corners, MOVING_HEIGHT, round_)
+        if plain_cylinders:
+            images[f"moving-{k}"] = checks(len(corners), rng)
+        else:
+            sides = ring_textures(solid, plan.height, rng, walls)
+            images[f"moving-{k}"] = np.concatenate([side.texels for side in sides], 1)
+        add_moving(spec, images, f"moving-{k}", corners, MOVING_HEIGHT, round_)
     model = spec.compile()
     for name, image in images.items():
         fill_texture(model, name, image)
@@ -274,18 +285,21 @@ def add_car(spec: Any, body: Body, camera_height: float) -> None:
     car.add_geom(name="car", mass=8.0, contype=0, conaffinity=1, group=3, **look)
 
 
+def checks(sides: int, rng: np.random.Generator) -> Image:
+    """Coarse checks, six rows of one on each side."""
+    return to_bytes(rng.uniform(0.1, 0.9, (6, sides, 3)).repeat(32, 0).repeat(32, 1))
+
+
 def add_moving(
     spec: Any,
     images: dict[str, Image],
-    rng: np.random.Generator,
     name: str,
     corners: list[Pair],
     height: float,
     collision: tuple[Any, list[float]],
 ) -> None:
-    """A body in coarse checks that can be moved, seen and bumped into."""
+    """A body that can be moved, seen and bumped into, with the image of its name around its sides of equal width."""
     sides = len(corners)
-    images[name] = to_bytes(rng.uniform(0.1, 0.9, (6, sides, 3)).repeat(32, 0).repeat(32, 1))
     add_textures(spec, {name: images[name]})
     body, mesh = spec.worldbody.add_body(name=name, mocap=True), Mesh()
     for k, corner in enumerate(corners):

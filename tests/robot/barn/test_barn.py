@@ -163,6 +163,6 @@ def test_a_cylinder_that_moves_hits_a_car_that_stands():
         assert (hit.person, hit.stationary) == (True, True)
         assert hit.time == pytest.approx(2.0, abs=0.03)
         referee = Referee(small(), simulation, SimpleNamespace())
-        assert referee.touched() == "moving"
+        assert referee.touched() == "stood"
     finally:
         simulation.close()

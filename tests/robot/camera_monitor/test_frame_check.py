@@ -169,6 +169,22 @@ def test_carried_while_the_wheels_stand():
     assert "wheels stand" in why
 
 
+@pytest.mark.parametrize("begin", [0, 214, 320, 425])
+def test_who_passes_a_stationary_car_is_no_fault(begin):
+    """.3 m at .6 m are 215 of 640 pixels; the fields may be covered."""
+    still, passing = drive(3.0, moving=False, light=0.3), drive(3.0, seed=1)
+
+    def parts():
+        for n, (part, other) in enumerate(zip(still, passing, strict=True)):
+            rows = [
+                np.hstack((p[:, :begin], o[:, :215], p[:, begin + 215 :]))
+                for p, o in zip(part[:2], other[:2], strict=True)
+            ]
+            yield [*rows, *other[2:]] if n > 30 else part
+
+    assert stopped(parts(), speed=0.0) == (None, "")
+
+
 def test_pictures_may_move_while_the_board_shifts():
     """Some motor controllers take the brake before reverse for reverse: the car creeps, and is said to stand."""
 
