@@ -22,6 +22,8 @@ so many seconds: in a queue of cars ghosts are seldom what they seem."""
 GHOST = 15
 """Numbers kept of a ghost: time at which it was found, row and column, top, left, bottom and right, pixels, number of
 the object or -1, and the colors of the background and of the image there."""
+REACH_SIZES = 2.0
+"""It began at most so many of its sizes away: it is in one blob with its ghost at first."""
 PIECES_S, PIECES_PX = 2.0, 3
 """What leaves slowly uncovers its ghost in pieces: they are found within this time and distance of one another."""
 
@@ -72,7 +74,7 @@ def trace_back(ghosts: Numbers, tracks: Sequence[Track], began: float, time: flo
             away, ratio = math.dist(place, one.path[0, PLACE]), pixels / np.median(one.path[:, PIXELS])
             lately, alike = abs(found - one.first_seen) < TRACED_S, 1 / p.max_area_ratio < ratio < p.max_area_ratio
             clear = one.first_seen - one.passed_at > CLEAR_S
-            if lately and alike and clear and away < min(nearest, one.size):
+            if lately and alike and clear and away < min(nearest, REACH_SIZES * one.size):
                 best, nearest = one, away
         if nearest < math.inf:
             best.waited, ghost[8] = np.array((began, *ghost[1:8], *place)), best.number

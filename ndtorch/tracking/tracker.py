@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ndtorch.foreground.arrays import Bools, Bytes, Floats
+from ndtorch.foreground.arrays import Bools, Bytes, Floats, Labels
 from ndtorch.foreground.segmentation import Segmentation
 from ndtorch.tracking.association import Association, assign_unmatched, associate, share_blob
 from ndtorch.tracking.blobs import Blobs
@@ -44,6 +44,9 @@ EDGE = 0.003
 """A box nearer to the edge of the image than this fraction of its height touches it."""
 NEVER_S = -1e6
 """A time before all others."""
+MAX_GHOST_RATIO = 0.8
+"""What splits off an object differs from it by less than this share of its difference from the background: a ghost
+differs as much from both."""
 OCCLUSION_GAIN = 0.3
 """In a shared blob this share of the difference is taken into the place."""
 
@@ -137,9 +140,10 @@ class Tracker:
         found = associate(tracks, time, blobs, p)
         resolve_splits(tracks, found, blobs, seen.image, time, p)
         assign_unmatched(tracks, found, blobs, seen.image, time, p)
+        before = self.labels
         groups, parts = self.label(tracks, found, blobs, seen.image, time)
         shared = {one.number for _, ones in groups for one in ones}
-        self.measure(tracks, seen, light, shared, time, width / height)
+        self.measure(tracks, seen, light, shared, before, time, width / height)
         confirm(
             tracks,
             lost,
@@ -197,10 +201,11 @@ class Tracker:
         seen: Segmentation,
         light: WhiteBalance,
         shared: set[int],
+        before: Labels,
         time: float,
         width: float,
     ) -> None:
-        """Measure the masks, and update each track that has one."""
+        """Measure the masks, and update each track that has one; `before` are the labels of a step ago."""
         p, every = self.params, measure_detections(tracks, self.labels, seen, light, shared)
         tentative = any(not one.is_object for one in tracks)
         shadows = marked_share(self.labels, seen.narrow_shadow, tracks) if tentative else np.zeros(len(tracks))
@@ -212,7 +217,10 @@ class Tracker:
                 # All before was a fragment of it.
                 one.restart(time, np.array(detection.place))
             if not one.count:
-                one.passed_at = float(np.quantile(self.passed[self.labels == one.number + 1], 0.25))
+                own = self.labels == one.number + 1
+                one.passed_at = float(np.quantile(self.passed[own], 0.25))
+                whole = split_from(tracks, every, before[own], detection, seen.background, own, p)
+                one.start = one.start if whole is None else whole.start
             add_detection(one, time, detection, width, p)
             if not one.is_object and not detection.shared:
                 one.contrast_sum += detection.contrast
@@ -243,6 +251,31 @@ class Tracker:
         if objects:
             np.copyto(self.passed, np.float32(time), where=mask.view(np.bool_))
         return mask
+
+
+def split_from(
+    tracks: Sequence[Track],
+    every: Sequence[Detection | None],
+    before: Labels,
+    new: Detection,
+    background: Floats,
+    own: Bools,
+    p: TrackingParams,
+) -> Track | None:
+    """The object that a new track came off: most of its pixels were of it, it is no small fragment of it, and it looks
+    more like it than like the background, as no ghost does.
+
+    Args:
+        every: detections of the tracks at this step.
+        before: numbers, plus one, of the tracks that its pixels were of a step ago, `[n]`.
+        background: `[3, h, w]`, and own: its pixels, `[h, w]`.
+    """
+    most = int(np.bincount(before).argmax()) - 1
+    for one, seen in zip(tracks, every, strict=True):
+        if one.number == most and one.is_object and seen and p.parent_area_ratio * new.pixels > seen.pixels:
+            ghost = np.abs(new.color - background[:, own].mean(1)).max()
+            return one if np.abs(new.color - seen.color).max() < MAX_GHOST_RATIO * ghost else None
+    return None
 
 
 def add_detection(track: Track, time: float, seen: Detection, across: float, p: TrackingParams) -> None:

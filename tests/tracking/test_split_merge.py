@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+import torch
 
+import ndtorch
 from ndtorch.tracking.association import Association
 from ndtorch.tracking.blobs import Blobs
 from ndtorch.tracking.masks import Detection
@@ -84,3 +88,18 @@ def test_in_a_shared_blob_a_parked_one_keeps_its_place(parked: bool, follows: fl
     seen = Detection((0.5, 0.65), (0.5, 0.65), (0.2, 0.3), 0.06, GREEN, np.zeros(4), 0.0, True)
     add_detection(one, NOW, seen, 1.6, TrackingParams())
     assert one.last[PLACE] == pytest.approx((0.5, 0.6 + follows * 0.05))
+
+
+def test_of_two_that_came_as_one_the_one_that_stays_is_an_object_too() -> None:
+    fps, size, color = 12.5, (72, 96), (200, 60, 50)
+    film = 105 + np.random.default_rng(0).normal(0, 1, (round(8 * fps), *size, 3))
+    for n, image in enumerate(film):
+        column, row = max(0, round(min(44, 24 * n / fps - 20))), 26 - round(24 * max(0.0, n / fps - 5))
+        image[46:58, column : column + 12] = color
+        # The larger one, which goes on, takes the track along.
+        image[max(0, row) : max(0, row + 20), column : column + 12] = color
+    model = ndtorch.load("foreground", size=size, fps=fps)
+    _, state = model(torch.from_numpy(film.astype(np.uint8)).permute(0, 3, 1, 2))
+    paths = [at for one in model.objects(state) for at in one.path]
+    there = {round(time * fps) for time, *at in paths if math.dist(at, (50, 52)) < 4}
+    assert there >= set(range(round(6.5 * fps), len(film)))

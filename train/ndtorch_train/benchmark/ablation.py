@@ -69,6 +69,7 @@ CODE: Mapping[str, Mapping[str, Any]] = {
     "contained blobs are parts": {"tracking.association.MIN_CONTAINMENT": ENDLESS},
     "gate grows": {"tracking.association.GATE_GROWTH_PER_S": 0.0},
     "joint assignment": {"tracking.tracker.assign_unmatched": lambda *_: None},
+    "parts of objects are objects": {"tracking.tracker.split_from": lambda *_: None},
     "splits": {"tracking.tracker.resolve_splits": lambda *_: None},
     "places in groups": {"tracking.tracker.OCCLUSION_GAIN": 1.0},
     "clutter beside objects": {"tracking.clutter.is_near": lambda *_: False},
