@@ -36,20 +36,6 @@ __all__ = [
 if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy(
         __name__,
-        {
-            "ndtorch.binding": ("BindingModel", "InhibitoryNetwork"),
-            "ndtorch.errors": ("InputError",),
-            "ndtorch.loading": ("load", "model_names"),
-            "ndtorch.navigation": ("Navigator", "StereoRig"),
-            "ndtorch.vision": (
-                "FEATURES",
-                "HassensteinReichardt",
-                "NDMin",
-                "OrientedDoG",
-                "Sequential",
-                "VisualFeatures",
-            ),
-        },
         rooms=("binding", "navigation", "scenes", "vision"),
         moved={"VisualBinding": 'ndtorch.load("published")', "objects": "model.objects(state)"},
         explain=True,

@@ -1,7 +1,8 @@
 """The papers' results for moving bars, at full size.
 
 Two bars, equal bars and other fluctuations come from rendered frames. Scenes that differ in the phase, or in which bars
-there are, are added up from films of each bar alone: tests/train/test_rows.py compares these with rendered ones.
+there are, are added up from films of each bar alone: tests/train/benchmark/test_base.py compares these with rendered
+ones.
 """
 
 from __future__ import annotations

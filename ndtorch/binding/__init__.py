@@ -60,7 +60,6 @@ explain_calls(__name__, __all__)
 
 __getattr__, __dir__ = lazy(
     __name__,
-    {},
     moved={
         "Windows": "ObjectFiles",
         "VideoModel": 'ndtorch.load("foreground")',

@@ -6,13 +6,9 @@ from ndtorch.utils.lazy import lazy
 
 if TYPE_CHECKING:
     from ndtorch.cli.bind import Bind
-    from ndtorch.cli.render import Render
-    from ndtorch.cli.scenes import Scenes
+    from ndtorch.cli.render import Render, Scenes
 
 __all__ = ["Bind", "Render", "Scenes"]
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy(
-        __name__,
-        {"ndtorch.cli.bind": ("Bind",), "ndtorch.cli.render": ("Render",), "ndtorch.cli.scenes": ("Scenes",)},
-    )
+    __getattr__, __dir__ = lazy(__name__)

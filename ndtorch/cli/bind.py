@@ -64,11 +64,10 @@ class Bind(BindJob):
             raise InputError(f"--front-end {self.front_end} is now {MOVED.get(self.front_end, '--model NAME')}")
         import torch
 
-        from ndtorch.report.camera_motion import CameraMotion
+        from ndtorch.report.advice import CameraMotion, advice
         from ndtorch.report.films import RunRecording
         from ndtorch.report.gallery import Gallery
         from ndtorch.report.mask_store import MaskStore
-        from ndtorch.report.no_objects import advice
         from ndtorch.report.page import NAME, folder_name, open_in_browser, write_result
         from ndtorch.report.recording import why_not_whole
         from ndtorch.report.timeline import TimelineFile

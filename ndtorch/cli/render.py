@@ -1,4 +1,4 @@
-"""`ndtorch render`: a scene as a video file."""
+"""`ndtorch scenes` lists the simulated scenes, `ndtorch render` makes one a video file."""
 
 from __future__ import annotations
 
@@ -61,4 +61,23 @@ class Render:
             print(json.dumps({"file": str(self.file), **about}))
         else:
             print(f"{self.file}: {source.length} frames, {width} x {height}, {source.fps:g} a second")
+        return 0
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """List the simulated scenes."""
+
+    json: bool = False
+    """Print them as one JSON object and nothing else."""
+
+    def run(self) -> int:
+        """Do it; returns the exit code."""
+        from ndtorch.scenes.named import SCENES
+
+        if self.json:
+            print(json.dumps({name: scene.description for name, scene in SCENES.items()}))
+            return 0
+        for name, scene in SCENES.items():
+            print(f"{name:22}{scene.description}")
         return 0

@@ -87,7 +87,6 @@ explain_calls(__name__, __all__)
 
 __getattr__, __dir__ = lazy(
     __name__,
-    {},
     moved={
         "Avoider": "SaccadeController",
         "CompiledNavigator": "Navigator, whose steps are compiled",

@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import BoundObject
-from ndtorch.report.exports.source_tracks import SourceTracks
 from ndtorch.report.plots.attention import MOST_GAIN
 from ndtorch.report.plots.layout import GREY_RGB, STYLES, rgb
 from ndtorch.report.recording import Recording
+from ndtorch.report.source_tracks import SourceTracks
 from ndtorch.run.result import over_fields
 from ndtorch.run.watchers import Picture, Pixels, Watcher
 from ndtorch.scenes.video_writer import VideoWriter

@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ndtorch.binding import BoundObject, save_state
-from ndtorch.report.exports import source_tracks, write_exports
+from ndtorch.report.exports import write_exports
 from ndtorch.report.films import marked, write_mask_film
 from ndtorch.report.gallery import Gallery, contact_sheet, shrunk, write_jpeg
 from ndtorch.report.plots import draw_all
+from ndtorch.report.source_tracks import source_tracks
 from ndtorch.report.timeline import draw_timeline
 from ndtorch.report.words import numbered, summary, verdict_words, words
 from ndtorch.run.result import RunResult

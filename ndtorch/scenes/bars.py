@@ -13,9 +13,8 @@ from torch import Tensor
 
 from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
-from ndtorch.scenes.base import check_color, check_place
+from ndtorch.scenes.base import RenderedScene, check_color, check_place
 from ndtorch.scenes.fluctuation import Fluctuation, NoFluctuation
-from ndtorch.scenes.rendered import RenderedScene
 
 
 @dataclass(frozen=True)

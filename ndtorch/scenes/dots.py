@@ -12,8 +12,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_number, is_finite
 from ndtorch.errors import InputError
-from ndtorch.scenes.base import check_seed
-from ndtorch.scenes.rendered import RenderedScene
+from ndtorch.scenes.base import RenderedScene, check_seed
 
 Floats = npt.NDArray[np.float64]
 
@@ -256,17 +255,5 @@ def covered(offset: Floats) -> Floats:
     return share
 
 
-def common_fate(
-    seconds: float = 3.0,
-    fps: float = 25.0,
-    size: tuple[int, int] = (144, 192),
-    patches: int = 1,
-    density: float = 0.02,
-    coherence: float = 1.0,
-    lifetime: float = 0.4,
-    speed: float = 30.0,
-    ground: float = 0.0,
-    seed: int = 0,
-) -> CommonFate:
-    """Patches of random dots defined by their motion alone; see `CommonFate` for arguments, shapes and errors."""
-    return CommonFate(seconds, fps, size, patches, density, coherence, lifetime, speed, ground, seed)
+common_fate = CommonFate
+"""Random dots by their name among the scenes."""

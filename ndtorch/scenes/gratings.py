@@ -10,8 +10,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
-from ndtorch.scenes.base import FrameSource
-from ndtorch.scenes.rendered import check_chunks
+from ndtorch.scenes.base import FrameSource, check_chunks
 
 
 def bar_coverage(position: Tensor, bar: float, period: float, width: int) -> Tensor:

@@ -51,7 +51,7 @@ SCENES: dict[str, NamedScene] = {
     "equal-bars": NamedScene("bar_scenes:equal_bars", "three green bars alike in all but their fluctuation", {}),
     "common-fate": NamedScene("dots:common_fate", "patches of random dots that nothing but their motion shows", {}),
     "rings": NamedScene(
-        "ring_scene:rings", "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}
+        "stimuli:rings", "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}
     ),
 }
 """Every scene that has a name. Options given to `make_scene` win over the fixed ones."""

@@ -15,12 +15,10 @@ from torch import Tensor
 
 from ndtorch.arguments import is_finite, is_whole
 from ndtorch.errors import InputError
-from ndtorch.scenes.base import FrameSource, PixelMap
+from ndtorch.scenes.base import FrameSource, PixelMap, check_chunks, check_size
 from ndtorch.scenes.image_folder import IMAGE_SUFFIXES, FolderReader, PagesReader
-from ndtorch.scenes.levels import Stretch, find_stretch, is_interlaced
 from ndtorch.scenes.live import CameraReader, LiveReader, StreamReader
-from ndtorch.scenes.readers import Image, Reader, is_text
-from ndtorch.scenes.rendered import check_chunks, check_size
+from ndtorch.scenes.readers import Image, Reader, Stretch, find_stretch, is_interlaced, is_text
 from ndtorch.scenes.stamps import FrameLog, SourceFrames, paced
 from ndtorch.scenes.video_file import FileReader
 

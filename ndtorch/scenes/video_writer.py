@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.scenes.base import check_size
 from ndtorch.scenes.readers import quiet_opencv
-from ndtorch.scenes.rendered import check_size
 from ndtorch.utils.packages import need
 
 CODECS = {".mp4": "H.264", ".mkv": "FFV1", ".avi": "MJPG"}

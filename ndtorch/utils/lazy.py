@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+import ast
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 
 def lazy(
     package: str,
-    names: Mapping[str, Sequence[str]],
     rooms: Sequence[str] = (),
     moved: Mapping[str, str] | None = None,
     explain: bool = False,
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """The `__getattr__` and `__dir__` of a package that imports nothing by itself.
+    """The `__getattr__` and `__dir__` of a package that imports what stands under its `if TYPE_CHECKING` when asked.
 
     Args:
         package: `__name__` of the package.
-        names: for every module, the public names that come from it.
         rooms: sub-packages and modules that are there without an import of their own.
         moved: names that are no more, and what takes their place.
         explain: whether calls explain wrong arguments, see `ndtorch.utils.public_calls`.
@@ -27,7 +27,10 @@ def lazy(
     Returns:
         What gives a name its value, and raises AttributeError for a name that is not public; and what lists them.
     """
-    module_of = {name: module for module, group in names.items() for name in group}
+    text = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
+    checked = [block for block in ast.parse(text).body if isinstance(block, ast.If) and not block.orelse]
+    imports = [node for block in checked for node in block.body if isinstance(node, ast.ImportFrom)]
+    module_of = {alias.name: str(node.module) for node in imports for alias in node.names}
 
     def attribute(name: str) -> Any:
         if name in module_of:

@@ -67,6 +67,5 @@ explain_calls(__name__, __all__)
 VIDEO = 'ndtorch.load("foreground"), which took the place of the model video'
 __getattr__, __dir__ = lazy(
     __name__,
-    {},
     moved=dict.fromkeys(("CameraFrontEnd", "CameraParams", "CameraState", "FieldSignals"), VIDEO),
 )

@@ -11,8 +11,7 @@ from ndtorch.navigation import Body, StereoRig
 from ndtorch.navigation.options import OPTION_NAMES
 from ndtorch.utils.toml import check, toml_values
 from ndtorch_robot.navigator_table import NavigatorTable
-from ndtorch_robot.robot_config import RobotTable
-from ndtorch_robot.run_config import read_run_config
+from ndtorch_robot.run_config import RobotTable, read_run_config
 from ndtorch_robot.safety import SafetyLimits
 from ndtorch_robot.sim.disturbances import read_disturbances
 

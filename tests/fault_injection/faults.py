@@ -1,8 +1,21 @@
-"""The injected faults, and how soon the car must have stopped for each."""
+"""The injected faults, how soon the car must have stopped for each, and the link and the disk that have them."""
 
 from __future__ import annotations
 
+import errno
+import math
+import os
+import time
+from collections import deque
+from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
+
+from ndtorch_robot.ports import Step
+from ndtorch_robot.recording.reading import open_recording
+from ndtorch_robot.recording.recorder import Recorder
+from ndtorch_robot.sim.stepped_world import Cable, SteppedWorld, good_cable
 
 STOP_DEADLINE = 0.25
 """Seconds after a fault from which no wheel may turn."""
@@ -69,3 +82,140 @@ FAULTS = (
     Fault("load", "loop stalls shortly", None),
 )
 """All faults; a run injects each as often as the others, in random order."""
+
+
+DAMAGE = {"20 % of bytes": 0.2, "3 % of bytes": 0.03, "single bytes": 0.0003}
+"""Share of bytes with a flipped bit: in nearly every frame, in every third, or in one every three seconds."""
+
+APART = 1.0
+"""Seconds without damage after a single byte: the board stops at four refused frames within a second."""
+
+LOST = 0.03
+"""Share of writes that are lost, of those of which only some are."""
+
+DELAY = 0.3
+"""Seconds by which delayed bytes arrive late."""
+
+
+class FaultyLink:
+    """The link between a simulated world and its board.
+
+    Args:
+        world: whose link it is.
+        seed: of the random damage.
+    """
+
+    def __init__(self, world: SteppedWorld, seed: int) -> None:
+        self.world, self.random = world, np.random.default_rng((seed, 8))
+        self.queue: deque[tuple[float, bytes]] = deque()
+
+    def inject(self, fault: str) -> None:
+        """Begin a fault of `tests.fault_injection.faults`."""
+        if fault == "board restarts":
+            self.world.restart_board()
+        changes: dict[str, tuple[Cable, Cable]] = {
+            "cable pulled": (self.nothing, self.nothing),
+            "nothing from the board": (good_cable, self.nothing),
+            "nothing to the board": (self.nothing, good_cable),
+            "bytes to the board delayed": (self.delayed, good_cable),
+            "single writes lost": (self.some_lost, self.some_lost),
+            "single bytes damaged": (self.damaged("single bytes"), self.damaged("single bytes")),
+        }
+        for share in ("20 % of bytes", "3 % of bytes"):
+            changes[f"{share} to the board damaged"] = (self.damaged(share), good_cable)
+            changes[f"{share} from the board damaged"] = (good_cable, self.damaged(share))
+        self.world.up, self.world.down = changes.get(fault, (good_cable, good_cable))
+
+    def clear(self) -> None:
+        """End the fault."""
+        self.world.up = self.world.down = good_cable
+        self.queue.clear()
+
+    def nothing(self, data: bytes, now: float) -> bytes:
+        return b""
+
+    def some_lost(self, data: bytes, now: float) -> bytes:
+        return b"" if self.random.random() < LOST else data
+
+    def delayed(self, data: bytes, now: float) -> bytes:
+        self.queue.append((now + DELAY, data))
+        arrived = b""
+        while self.queue and self.queue[0][0] <= now:
+            arrived += self.queue.popleft()[1]
+        return arrived
+
+    def damaged(self, share: str) -> Cable:
+        """A link that flips one bit in this share of its bytes; single bytes are `APART`."""
+        good_until = -math.inf
+
+        def damage(data: bytes, now: float) -> bytes:
+            nonlocal good_until
+            damaged = self.random.random(len(data)) < DAMAGE[share]
+            if share == "single bytes" and damaged.any():
+                damaged &= (np.arange(len(data)) == damaged.argmax()) & (now >= good_until)
+                good_until = max(good_until, now + APART) if damaged.any() else good_until
+            bits = (1 << self.random.integers(0, 8, len(data))).astype(np.uint8)
+            return bytes(np.frombuffer(data, np.uint8) ^ np.where(damaged, bits, 0).astype(np.uint8))
+
+        return damage
+
+
+SLOW = 0.6
+"""Seconds that each chunk takes on a slow disk."""
+
+
+class FaultyRecorder(Recorder):
+    """A recorder whose disk may be full or slow.
+
+    Attributes:
+        fault: `"full"`, `"slow"` or None.
+    """
+
+    fault: str | None = None
+
+    def flush(self) -> None:
+        """Write a chunk; a full disk takes none."""
+        if self.fault == "full":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        if self.fault == "slow":
+            time.sleep(SLOW)
+        super().flush()
+
+
+class RecordingCheck:
+    """An observer that records for the duration of a disk fault.
+
+    Args:
+        file: of the recording; it is removed at the end.
+        fault: `"full"` or `"slow"`.
+        lines: filled with the messages of the recorder.
+    """
+
+    def __init__(self, file: Path, fault: str, lines: list[str]) -> None:
+        file.unlink(missing_ok=True)
+        self.recorder = FaultyRecorder(file, report=lines.append)
+        self.recorder.fault = fault
+
+    def __call__(self, step: Step) -> None:
+        self.recorder(step)
+
+    def end(self) -> str | None:
+        """Close the recording; returns what is wrong with it, or None.
+
+        A full disk must have been reported, and all earlier steps must be readable. On a slow disk steps may be
+        without frames, or missing, but each must be counted.
+        """
+        recorder, fault = self.recorder, self.recorder.fault
+        recorder.fault = None
+        recorder.close()
+        read = sum(1 for _ in open_recording(recorder.path).steps())
+        recorder.path.unlink(missing_ok=True)
+        if fault == "full" and not recorder.failed:
+            return "the full disk was not noticed"
+        if fault == "slow" and recorder.failed:
+            return f"the slow disk ended the recording: {recorder.failed}"
+        if read != recorder.steps:
+            return f"{recorder.steps} steps were written and {read} can be read"
+        if recorder.steps + recorder.dropped != recorder.number:
+            return f"{recorder.number} steps were given, {recorder.steps} written and {recorder.dropped} counted lost"
+        return None

@@ -18,9 +18,7 @@ from ndtorch_robot.ports import Step
 from ndtorch_robot.sim.firmware_host import Pulse
 from ndtorch_robot.sim.stepped_world import SteppedWorld
 from tests.fault_injection.camera_faults import FaultyCameras
-from tests.fault_injection.disk_faults import RecordingCheck
-from tests.fault_injection.faults import FAULTS, Fault
-from tests.fault_injection.link_faults import FaultyLink
+from tests.fault_injection.faults import FAULTS, Fault, FaultyLink, RecordingCheck
 
 NEUTRAL_US, MOVING_US = 1500.0, 2.0
 """Width of a motor pulse at rest, and the difference from it at which the wheels turn, microseconds."""

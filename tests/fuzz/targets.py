@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import random
 import shutil
@@ -14,8 +13,8 @@ from pkgutil import resolve_name
 from typing import Any
 
 from tests.fuzz import mutate
+from tests.fuzz.corpus import corpus, small_model
 
-CORPUS = Path(__file__).parent / "corpus"
 MODELS = Path(__file__).resolve().parents[2] / "models"
 TEXT = (".toml", ".json", ".jsonl", ".txt", ".md")
 
@@ -41,7 +40,7 @@ class Target:
         """What is damaged."""
         if self.name == "model":
             return sorted(path.parent for path in MODELS.glob("*/config.toml"))
-        return sorted(path for path in (CORPUS / self.name).iterdir())
+        return sorted(path for path in corpus(self.name).iterdir())
 
     def make(self, chance: random.Random, folder: Path) -> Path:
         """A damaged copy of a seed, in an empty folder."""
@@ -62,13 +61,6 @@ class Target:
         damage = mutate.damaged_text if file.suffix in TEXT else mutate.damaged_bytes
         file.write_bytes(damage(chance, file.read_bytes(), others))
         return copy
-
-
-@functools.cache
-def small_model() -> Any:
-    from ndtorch.binding.models.published import PublishedConfig, PublishedModel
-
-    return PublishedModel(PublishedConfig(size=(16, 20), fps=100.0))
 
 
 def named(place: str) -> Callable[[Path], Any]:
@@ -213,7 +205,7 @@ def read_video(path: Path) -> Any:
 
 
 def read_pictures(path: Path) -> Any:
-    from ndtorch_robot.cameras.sources.folder import FolderCapture
+    from ndtorch_robot.cameras.sources.files import FolderCapture
 
     count = read_video(path)
     capture = FolderCapture(path, 30.0)

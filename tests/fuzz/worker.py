@@ -96,6 +96,7 @@ class Worker:
 
     def __init__(self, target: Target, seed: int, out: Path) -> None:
         self.target, self.seed, self.out = target, seed, out
+        target.seeds()  # made here, for all processes
         self.tried = self.read = self.refused = 0
         self.findings: dict[str, str] = {}
 

@@ -2,24 +2,49 @@
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
+import math
+import pkgutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
+import ndtorch.navigation
 from ndtorch.errors import InputError
-from ndtorch.navigation import CRUISE, Body, Command, Navigator, Pose, StereoRig
+from ndtorch.navigation import (
+    CRUISE,
+    AvoidanceParams,
+    Body,
+    Command,
+    DeadReckoning,
+    FeatureParams,
+    Grid,
+    MatchParams,
+    Navigator,
+    NavigatorOptions,
+    Pose,
+    RangingParams,
+    SearchParams,
+    StereoRig,
+)
 from ndtorch.navigation.body import SPOT_RADIUS, match_params, proximity_params, rig_in_units, search_params
-from ndtorch.navigation.controllers.ranging import RangingControl, RangingParams
+from ndtorch.navigation.controllers import controller_names
+from ndtorch.navigation.controllers.ranging import RangingControl
+from ndtorch.navigation.controllers.ranging.floor_view import FloorParams
 from ndtorch.navigation.controllers.ranging.spin import turn_on_spot
+from ndtorch.navigation.local_grid.grid import LocalGridParams
+from ndtorch.navigation.odometry import to_world
+from ndtorch.navigation.options import OPTION_NAMES, options_of
 from ndtorch.navigation.proximity import Obstacles
-from ndtorch.navigation.stereo.correspondence import MatchParams
 from ndtorch.navigation.stereo.ranging import Ranges
-from ndtorch.navigation.stereo.search import SearchParams
+from ndtorch_robot.navigator_options import described
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import Simulation
+from tests.navigation.planar_world import to_body
 
 RIG = StereoRig(forward=0.15)
 
@@ -125,3 +150,93 @@ def test_a_small_robot_and_one_whose_cameras_see_too_little_floor() -> None:
         Navigator(replace(rig, camera_height=0.5), 1 / 30, body=robot)
     with pytest.raises(InputError, match="body belongs to a controller that is named"):
         Navigator(rig, 1 / 30, controller=navigator.controller, body=robot)
+
+
+def test_circle_and_line():
+    turn = torch.full((60,), 2.0, dtype=torch.float64)
+    speed = torch.full((60,), math.pi / 2, dtype=torch.float64)  # radius 0.5 m: a full circle in 2 s
+    poses, last = DeadReckoning(1 / 30)(speed, turn)
+    assert [float(v) for v in last] == pytest.approx([0, 0, 2 * math.pi], abs=1e-9)
+    assert [float(part[29]) for part in poses] == pytest.approx([0, 1.0, math.pi])  # half way: 1 m to the left
+    straight = DeadReckoning(1 / 30)(speed, 0 * turn, Pose(*torch.tensor([1.0, 2.0, math.pi / 2]).double()))[1]
+    assert [float(v) for v in straight] == pytest.approx([1.0, 2.0 + math.pi, math.pi / 2])
+
+
+def test_coarse_steps_are_exact():
+    generator = torch.Generator().manual_seed(0)
+    speed = torch.rand(10, generator=generator, dtype=torch.float64)
+    turn = torch.randn(10, generator=generator, dtype=torch.float64)
+    _, coarse = DeadReckoning(0.5)(speed, turn)
+    _, fine = DeadReckoning(0.5 / 100)(speed.repeat_interleave(100), turn.repeat_interleave(100))
+    for a, b in zip(coarse, fine, strict=True):
+        assert float(a) == pytest.approx(float(b), abs=1e-9)
+
+
+def test_frames_are_inverse_and_turn_the_right_way():
+    pose = Pose(*torch.tensor([1.0, 2.0, 0.7], dtype=torch.float64))
+    x, y = torch.randn(2, 9, dtype=torch.float64)
+    back = to_body(pose, *to_world(pose, x, y))
+    torch.testing.assert_close(back[0], x)
+    torch.testing.assert_close(back[1], y)
+    left = to_world(Pose(*torch.tensor([0.0, 0.0, math.pi / 2])), torch.tensor(1.0), torch.tensor(0.0))
+    assert [float(v) for v in left] == pytest.approx([0.0, 1.0], abs=1e-6)
+
+
+MODULES = [
+    importlib.import_module(found.name)
+    for found in pkgutil.walk_packages(ndtorch.navigation.__path__, "ndtorch.navigation.")
+]
+PARAMS = {
+    kind
+    for module in MODULES
+    for name, kind in vars(module).items()
+    if dataclasses.is_dataclass(kind) and (name.endswith("Params") or kind is Body)
+}
+
+
+@pytest.mark.parametrize("kind", sorted(PARAMS, key=lambda kind: kind.__name__))
+def test_every_parameter_has_a_whole_sentence_of_its_own(kind: type) -> None:
+    words = described(kind.__doc__ or "")
+    names = [field.name for field in dataclasses.fields(kind)]
+    assert sorted(words) == sorted(names)
+    bad = [n for n, text in words.items() if not (text[0].isupper() and text.split(" Raises")[0].endswith("."))]
+    assert bad == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "before", "now"),
+    [
+        (RangingParams, "speed", "speed_m_per_s"),
+        (FloorParams, "near", "near_m"),
+        (LocalGridParams, "cell", "cell_m"),
+        (AvoidanceParams, "turn_time", "turn_s"),
+        (SearchParams, "ratio", "uniqueness_ratio"),
+        (FeatureParams, "follow", "follow_reach_px"),
+        (MatchParams, "min_disparity", "min_disparity_px"),
+        (Body, "length", "length_m"),
+    ],
+)
+def test_earlier_and_misspelt_names_answer(kind: type, before: str, now: str) -> None:
+    with pytest.raises(InputError, match=f"{before} of {kind.__name__} is now {now}"):
+        kind(**{before: 1.0})
+    with pytest.raises(InputError, match=f"has no {now}x; did you mean {now}"):
+        kind(**{f"{now}x": 1.0})
+
+
+STANDARD = StereoRig()
+
+
+def test_options_are_picked_out_of_other_keys() -> None:
+    assert options_of({"features": 3, "arena": "hall"}) == NavigatorOptions(features=3)
+    assert set(OPTION_NAMES) == set(vars(NavigatorOptions()))
+
+
+@pytest.mark.parametrize("controller", controller_names())
+def test_the_navigator_has_what_was_chosen(controller: str) -> None:
+    options = NavigatorOptions(controller, features=3, angle="linear", feature_position="motion", prediction=True)
+    navigator = options.navigator(STANDARD, 20.0, Grid(-1, 1, -1, 1))
+    assert isinstance(navigator, Navigator)
+    assert navigator.grid_map is not None
+    assert type(navigator.controller).__module__.split(".")[3] == controller
+    assert options.fields(STANDARD) == navigator.controller.fields
+    assert options.navigator(STANDARD, 20.0).grid_map is None

@@ -1,13 +1,19 @@
 """Pixels, angles and floor rectangles, against the published numbers and hand geometry."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Navigator, Rect, StereoRanging, StereoRig
+from ndtorch.navigation.stereo.calibration_files import load_calibration
 
 
 def test_published_linear_angle():
@@ -91,3 +97,147 @@ def test_rigs_of_others() -> None:
     lower = replace(kitti, camera_height=0.17)
     assert lower.floor_from < 0.65
     StereoRanging(kitti, 0.1)
+
+
+DATA = Path(__file__).parents[3] / "shared/data/stereo"
+FOCAL, CX, CY, BASELINE, WIDTH, HEIGHT = 430.5, 320.25, 239.75, 0.12, 640, 480
+K = [FOCAL, 0.0, CX, 0.0, FOCAL, CY, 0.0, 0.0, 1.0]
+
+
+def projection(number: int, unit: float = 1.0) -> list[float]:
+    return [FOCAL, 0, CX, -number * FOCAL * BASELINE / unit, 0, FOCAL, CY, 0, 0, 0, 1, 0]
+
+
+def ros(number: int, unit: float = 1.0) -> str:
+    matrices = {
+        "camera_matrix": K,
+        "distortion_coefficients": [0.0] * 5,
+        "rectification_matrix": list(np.eye(3).ravel()),
+    }
+    matrices["projection_matrix"] = projection(number, unit)
+    lines = [f"{name}:\n  rows: 1\n  cols: {len(v)}\n  data: {[float(x) for x in v]}" for name, v in matrices.items()]
+    head = [f"image_width: {WIDTH}", f"image_height: {HEIGHT}", "camera_name: stereo/left"]
+    return "\n".join([*head, "distortion_model: plumb_bob", *lines])
+
+
+def camera_info(number: int) -> str:
+    values = f"K: {K}\nD: []\nR: {np.eye(3).ravel().tolist()}\nP: {projection(number)}"
+    return f"---\nheight: {HEIGHT}\nwidth: {WIDTH}\ndistortion_model: plumb_bob\n{values}\n"
+
+
+def euroc(number: int) -> str:
+    # The frame of the body is that of the left camera.
+    pose = np.eye(4)
+    pose[0, 3] = number * BASELINE
+    return (
+        f"%YAML:1.0\nT_BS:\n  cols: 4\n  rows: 4\n  data: {pose.ravel().tolist()}\nresolution: [{WIDTH}, {HEIGHT}]\n"
+        f"camera_model: pinhole\nintrinsics: [{FOCAL}, {FOCAL}, {CX}, {CY}] #fu, fv\n"
+        "distortion_model: radial-tangential\ndistortion_coefficients: [0.0, 0.0, 0.0, 0.0]\n"
+    )
+
+
+def kalibr() -> str:
+    camera = (
+        f"  camera_model: pinhole\n  distortion_coeffs: [0.0, 0.0, 0.0, 0.0]\n  distortion_model: radtan\n"
+        f"  intrinsics: [{FOCAL}, {FOCAL}, {CX}, {CY}]\n  resolution: [{WIDTH}, {HEIGHT}]\n  rostopic: /cam/image_raw\n"
+    )
+    rows = "".join(f"  - {row}\n" for row in np.eye(4).tolist()).replace(
+        "[1.0, 0.0, 0.0, 0.0]", f"[1.0, 0.0, 0.0, {-BASELINE}]"
+    )
+    return f"cam0:\n{camera}cam1:\n  T_cn_cnm1:\n{rows}{camera}"
+
+
+def middlebury() -> str:
+    camera = f"[{FOCAL} 0 {CX}; 0 {FOCAL} {CY}; 0 0 1]"
+    return (
+        f"cam0={camera}\ncam1={camera}\ndoffs=0\nbaseline={1000 * BASELINE}\nwidth={WIDTH}\nheight={HEIGHT}\nndisp=99\n"
+    )
+
+
+def opencv(folder: Path, suffix: str) -> Path:
+    path = folder / f"stereo.{suffix}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for number in (1, 2):
+        storage.write(f"M{number}", np.array(K).reshape(3, 3))
+        storage.write(f"D{number}", np.zeros((1, 5)))
+    storage.write("R", np.eye(3))
+    storage.write("T", np.array([[-BASELINE], [0], [0]]))
+    storage.write("image_width", WIDTH)
+    storage.write("image_height", HEIGHT)
+    storage.release()
+    return path
+
+
+@pytest.fixture(params=["ros", "camera_info", "euroc", "kalibr", "middlebury", "kitti", "yml", "xml"])
+def files(request: pytest.FixtureRequest, tmp_path: Path) -> list[Path]:
+    if request.param in ("yml", "xml"):
+        return [opencv(tmp_path, request.param)]
+    pairs = {"ros": ros, "camera_info": camera_info, "euroc": euroc}
+    kitti = "".join(f"P{n}: {' '.join(map(str, projection(n)))}\n" for n in (0, 1)) + "Tr: 1 0 0\n"
+    texts = {"kalibr": kalibr(), "middlebury": middlebury(), "kitti": kitti}
+    made = [pairs[request.param](n) for n in (0, 1)] if request.param in pairs else [texts[request.param]]
+    paths = [tmp_path / f"{n}.yaml" for n in range(len(made))]
+    for path, text in zip(paths, made, strict=True):
+        path.write_text(text)
+    return paths
+
+
+def test_every_format_gives_the_same_rig(files: list[Path]) -> None:
+    rig = StereoRig.load(*files, width=WIDTH, height=HEIGHT, camera_height=0.3)
+    assert (rig.width, rig.height, rig.camera_height) == (WIDTH, HEIGHT, 0.3)
+    assert rig.baseline == pytest.approx(BASELINE, rel=1e-4)
+    assert (rig.focal, rig.cx, rig.cy) == pytest.approx((FOCAL, CX, CY), abs=1.0)
+
+
+def test_units_and_sizes_are_checked(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{n}.yaml" for n in (0, 1)]
+    for n, path in enumerate(paths):
+        path.write_text(ros(n, unit=0.001))
+    with pytest.raises(InputError, match="120 m apart, more than 2 m: is the file in mm"):
+        StereoRig.load(*paths)
+    assert StereoRig.load(*paths, unit_m=0.001).baseline == pytest.approx(BASELINE)
+    with pytest.raises(InputError, match="is for 640x480 images and the frames are 320x240"):
+        StereoRig.load(*paths, unit_m=0.001, width=320, height=240)
+    half = StereoRig.load(*paths, unit_m=0.001, width=320, height=240, rescale=True)
+    assert (half.focal, half.baseline, half.cx) == pytest.approx((FOCAL / 2, BASELINE, (CX - 0.5) / 2))
+    with pytest.raises(InputError, match="camera on the right"):
+        StereoRig.load(paths[1], paths[0], unit_m=0.001)
+    (tmp_path / "empty.txt").write_text("nothing of this kind")
+    with pytest.raises(InputError, match="no calibration that is known"):
+        StereoRig.load(tmp_path / "empty.txt")
+    with pytest.raises(InputError, match=r"none\.yaml: cannot be read"):
+        StereoRig.load(tmp_path / "none.yaml")
+
+
+def test_projections_as_they_come() -> None:
+    flat = [projection(n) for n in (0, 1)]
+    rows = [np.array(p).reshape(3, 4) for p in flat]
+    assert StereoRig.from_projections(*flat, WIDTH, HEIGHT) == StereoRig.from_projections(*rows, WIDTH, HEIGHT)
+    with pytest.raises(InputError, match="give baseline"):
+        StereoRig.from_projections(K, K, WIDTH, HEIGHT)
+    assert StereoRig.from_projections(K, K, WIDTH, HEIGHT, baseline=0.2).baseline == 0.2
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data/stereo")
+def test_real_files() -> None:
+    with pytest.raises(InputError, match="give width and height"):
+        StereoRig.load(DATA / "kitti/calib.txt")
+    rig = StereoRig.load(DATA / "kitti/calib.txt", width=1241, height=376)
+    assert (rig.baseline, rig.focal) == pytest.approx((0.537, 718.856), abs=1e-3)
+    paths = [DATA / f"euroc/cam{n}/sensor.yaml" for n in (0, 1)]
+    assert StereoRig.load(*paths).baseline == pytest.approx(0.11, abs=1e-3)
+    pair = load_calibration(*paths)
+    assert not pair.is_rectified
+    names = sorted(path.name for path in (DATA / "euroc/cam0/data").iterdir())[:1]
+    raw = [cv2.imread(str(DATA / f"euroc/cam{n}/data/{names[0]}"), 0) for n in (0, 1)]
+
+    def rows_between(left: np.ndarray, right: np.ndarray) -> float:
+        """Rows from places of the right image to those of the left one that look alike, in the median."""
+        orb = cv2.ORB_create(1000)
+        (a, da), (b, db) = (orb.detectAndCompute(image, None) for image in (left, right))
+        found = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(da, db)
+        good = sorted(found, key=lambda m: m.distance)[:100]
+        return float(np.median([a[m.queryIdx].pt[1] - b[m.trainIdx].pt[1] for m in good]))
+
+    assert abs(rows_between(*raw)) > 5
+    assert abs(rows_between(*pair.rectify(*raw))) < 1

@@ -11,9 +11,8 @@ import pytest
 import torch
 
 from ndtorch.cli.commands import main
-from ndtorch.report.exports import formats, to_detections
-from ndtorch.report.exports.coco import encode, run_lengths
-from ndtorch.report.exports.source_tracks import Placed
+from ndtorch.report.exports import encode, run_lengths, to_detections
+from ndtorch.report.source_tracks import Placed
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.foreground.passing_scenes import ground
 
@@ -134,10 +133,6 @@ def test_run_lengths_are_those_of_pycocotools(top: int, left: int) -> None:
     full[top:, left:] = crop
     want = masks.encode(np.asfortranarray(full))
     assert encode(run_lengths(Placed(top, left, crop), *full.shape)).encode() == want["counts"]
-
-
-def test_every_format_has_a_file_of_its_own() -> None:
-    assert {"mot.txt", "coco.json", "tracks.csv", "tracks.parquet"} <= set(formats())
 
 
 def test_supervision_takes_the_boxes() -> None:

@@ -8,12 +8,21 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import torch
 
+import ndtorch
+from ndtorch.binding import BoundObject
+from ndtorch.errors import InputError
+from ndtorch.report.films import EnhancedVideo, Overlay, clocked, even, mark_of, marked
 from ndtorch.report.plots.layout import rgb
 from ndtorch.report.recording import BATCH, Recording, why_not_whole
+from ndtorch.report.responses import NAMES, ResponseFile, to_xarray
+from ndtorch.run.run import run_model
+from ndtorch.run.watchers import Picture
+from ndtorch.scenes import two_bars
 from ndtorch.vision.features import FEATURES
 
 rerun = pytest.importorskip("rerun")
@@ -118,3 +127,96 @@ def test_a_program_ends_whose_disk_was_full(tmp_path: Path) -> None:
     )
     assert (done.returncode, done.stdout) == (0, "ended\n"), done.stderr
     assert why_not_whole(file) is not None
+
+
+FRAME = np.zeros((60, 80, 3), dtype=np.uint8)
+
+
+def thing(first_seen: float = 0.0, **more: object) -> BoundObject:
+    kept = {"place": (30.0, 20.0), "first_seen": first_seen, "last_seen": 1.0, "heading": (1.0, 0.2)} | more
+    return BoundObject("red", 7, {"red": 1.0, "right": 1.0}, **kept)  # type: ignore[arg-type]
+
+
+def inked(image: np.ndarray, color: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the pixels of that color."""
+    rows, columns = np.nonzero((image == np.array(color)).all(-1))
+    return rows, columns
+
+
+def test_an_object_is_marked_in_its_color_where_it_is_with_an_arrow_where_it_goes() -> None:
+    image = marked(FRAME, (thing(),))
+    rows, columns = inked(image, rgb("red"))
+    assert len(rows) > 20
+    assert abs(np.median(rows) - 20) <= 2
+    assert rows.min() >= 13
+    # The arrow sticks out to the right.
+    assert columns.max() - 30 > 30 - columns.min()
+    assert FRAME.max() == 0
+
+
+@pytest.mark.parametrize("size", [(61, 81), (60, 80)])
+def test_films_have_an_even_size_and_every_picture(size: tuple[int, int], tmp_path: Path) -> None:
+    frame = np.zeros((*size, 3), dtype=np.uint8)
+    overlay, enhanced = Overlay(tmp_path / "o.avi", 5, size), EnhancedVideo(tmp_path / "e.avi", 5, size)
+    for number in range(3):
+        overlay.picture(Picture(number / 5, frame, objects=(thing(),)))
+        enhanced.picture(Picture(number / 5, frame, frame + 200, 7))
+    overlay.close()
+    enhanced.close()
+    assert even(size) == (60, 80)
+    for name, width in (("o", 80), ("e", 160)):
+        film = cv2.VideoCapture(str(tmp_path / f"{name}.avi"))
+        assert (film.get(cv2.CAP_PROP_FRAME_COUNT), film.get(cv2.CAP_PROP_FRAME_WIDTH)) == (3, width)
+    _, picture = film.read()
+    assert picture[:, 100:].mean() > 150 > picture[:, :60].mean()
+
+
+def test_the_overlay_has_number_label_and_clock() -> None:
+    frame = np.zeros((120, 160, 3), dtype=np.uint8)
+    plain, numbered = marked(frame, (thing(),)), marked(frame, (thing(number=5),))
+    assert mark_of(thing(number=5)) == "#5"
+    assert (plain != numbered).any()
+    clock = clocked(frame, 1.5)
+    rows, _ = np.nonzero(clock.max(-1))
+    assert rows.min() > 60
+    assert (clock != clocked(frame, 2.5)).any()
+    assert frame.max() == clocked(FRAME, 1.5).max() == 0  # no room for letters
+
+
+def test_the_table_has_every_step_and_an_answer_a_second(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    scene = two_bars(seconds=2.5, size=(96, 96), fps=25)
+    model = ndtorch.load("scale-free", size=scene.size, fps=scene.fps)
+    file = ResponseFile(tmp_path / "responses.parquet", model)
+    result = run_model(model, scene, pictures_per_second=0, watchers=(file,))
+    file.close()
+    assert file.trouble is None
+    table = parquet.read_table(tmp_path / "responses.parquet").to_pydict()
+    with torch.inference_mode():
+        signals, _ = model(scene.frames(0, scene.length))
+    assert table["time"] == pytest.approx(signals.time.tolist())
+    for kind, values in (("input", signals.inputs), ("output", signals.outputs)):
+        found = np.stack([table[f"{kind}_{name}"] for name in NAMES], -1)
+        np.testing.assert_allclose(found, values.numpy(), atol=1e-6)
+    answers = [row for row in zip(table["objects"], table["weights"], strict=True) if row[0] is not None]
+    assert 2 <= len(answers) <= 4
+    assert np.shape(answers[-1][1]) == (100,)
+    assert all(0 <= value <= 1 for value in table["confidence"] if value is not None)
+    assert result.frames == scene.length
+
+
+def test_arrays_have_trials_times_and_features() -> None:
+    xarray = pytest.importorskip("xarray")
+    model = ndtorch.load("published", size=(48, 48), fps=100)
+    with torch.inference_mode():
+        signals, _ = model(torch.rand(2, 20, 3, 48, 48))
+    data = to_xarray(signals)
+    assert isinstance(data, xarray.Dataset)
+    assert dict(data.sizes) == {"trial": 2, "time": len(signals.time), "feature": 10}
+    red = data.sums.sel(feature="red", trial=1).values
+    np.testing.assert_array_equal(red, signals.sums[1, :, 7].numpy())
+
+
+def test_other_signals_are_refused() -> None:
+    with pytest.raises(InputError, match="signals must be"):
+        to_xarray(torch.rand(5, 10))  # type: ignore[arg-type]

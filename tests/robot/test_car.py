@@ -10,9 +10,7 @@ from ndtorch.errors import InputError
 from ndtorch_robot.emergency import watch
 from ndtorch_robot.loop import Loop
 from ndtorch_robot.safety import SafeDrive
-from tests.robot.support.bare_car import FilmCar, bare_loop
-from tests.robot.support.moving_world import RIG, moving_world
-from tests.robot.support.plain_drive import PlainDrive, SimulatedClock
+from tests.robot.support.cars import RIG, FilmCar, PlainDrive, SimulatedClock, bare_loop, moving_world
 
 
 def film(count, kind=FilmCar, **options):

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import shutil
 
+import numpy as np
 import pytest
 import torch
 from numpy.testing import assert_allclose
+from torch import Tensor
 
+from ndtorch.errors import InputError
+from ndtorch.utils.backend import set_backend
 from ndtorch.vision import FEATURES, GROUPS, HassensteinReichardt, OrientedDoG, VisualFeatures
-from ndtorch.vision.motion import BORDERS, Border
+from ndtorch.vision.frames import check_frames, grey
+from ndtorch.vision.motion import BORDERS, Border, MotionState
 from tests.strategies import in_chunks, noise
 
 
@@ -70,3 +75,115 @@ def test_compiled_sums_are_the_same(backend: str) -> None:
         out, state = module(frames, state)
         fast, fast_state = compiled(frames, fast_state)
         assert_allclose(fast, out, rtol=1e-4, atol=1e-4)
+
+
+# Long enough for two grids to be thinned out and rows to be halved, and narrow enough to be quick.
+SIZE = (400, 40)
+# Every kind is compiled, for seconds; double precision is the rarest.
+KINDS = (torch.uint8, torch.float32, pytest.param(torch.float64, marks=pytest.mark.long))
+
+
+def noise_frames(dtype: torch.dtype, frames: int = 4, size: tuple[int, int] = SIZE) -> Tensor:
+    pixels = torch.randint(0, 256, (frames, 3, *size), dtype=torch.uint8)
+    return pixels if dtype == torch.uint8 else pixels.to(dtype) / 255
+
+
+def same(found: Tensor, wanted: Tensor) -> None:
+    # Sums of magnitudes cancel in the difference of two directions: errors are measured by the largest of them.
+    scale = float(wanted[:, :4].max())
+    tolerance = 1e-6 if found.dtype == torch.float64 else 2e-5
+    torch.testing.assert_close(found[:, :4], wanted[:, :4], rtol=0, atol=tolerance * scale)
+    torch.testing.assert_close(found[:, 4:], wanted[:, 4:], rtol=tolerance, atol=0)
+
+
+def by_torch(module: VisualFeatures, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
+    set_backend(module, "torch")
+    out: tuple[Tensor, MotionState] = module(frames, state)
+    set_backend(module, "auto")
+    return out
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_sums_and_state(kind: torch.dtype, exact: bool, border: Border) -> None:
+    module, frames = VisualFeatures(SIZE, border=border, exact=exact), noise_frames(kind)
+    wanted, end = by_torch(module, frames)
+    first, state = module(frames[:1])
+    before = [part.clone() for part in state]
+    rest, last = module(frames[1:], state)
+    whole, _ = module(frames)
+    assert first[0, :4].tolist() == [0, 0, 0, 0]
+    same(torch.cat([first, rest]), wanted)
+    assert torch.equal(whole, torch.cat([first, rest]))
+    for part, then in zip(state, before, strict=True):
+        assert torch.equal(part, then)  # a state that is given is never written
+    for part, other in zip(last, end, strict=True):
+        torch.testing.assert_close(part, other, rtol=0, atol=1e-6)
+
+
+def test_colors_beside_each_other_in_memory() -> None:
+    module, frames = VisualFeatures(SIZE), noise_frames(torch.uint8)
+    beside = frames.permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2)
+    torch.testing.assert_close(module(beside)[0], module(frames)[0], rtol=1e-6, atol=1e-3)
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize(("widest", "halvings"), [(3.0, 1), (12.0, 3)])
+def test_any_number_of_halvings(border: Border, widest: float, halvings: int) -> None:
+    across, around = (2 * widest, widest), (2.5 * widest, 1.5 * widest)
+    module = VisualFeatures((400, 96), border=border, center=across, surround=around)
+    assert module.orientation.blocks[0] == 2**halvings
+    frames = noise_frames(torch.float32, 9, (400, 96))
+    wanted, _ = by_torch(module, frames)
+    whole, _ = module(frames)
+    found, state = [], None
+    for frame in frames:
+        out, state = module(frame[None], state)
+        found.append(out)
+    same(whole, wanted)
+    # A transform of several pictures may round otherwise than one of each: on aarch64 it does, by 1.1e-7.
+    torch.testing.assert_close(whole, torch.cat(found), rtol=1e-6, atol=0)
+
+
+def test_floats_that_are_not_scaled_are_refused() -> None:
+    frames = noise_frames(torch.float32, 5)
+    frames[4, 1, 36, 7] = 3.0  # one pixel, in a row that is looked at: every twelfth
+    with pytest.raises(InputError, match=r"must lie in 0..1, got .* to 3"):
+        by_torch(VisualFeatures(SIZE), frames)
+    with pytest.raises(InputError, match=r"must lie in 0..1, got .* to 3"):
+        VisualFeatures(SIZE)(frames)
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (np.zeros((1, 3, 4, 4)), r"torch\.Tensor, got ndarray"),
+        (torch.zeros(1, 3, 4, 4, dtype=torch.int32), r"uint8, got torch\.int32"),
+        (torch.zeros(3, 4, 4), r"\[\.\.\., T, C, H, W\], got \(3, 4, 4\)"),
+        (torch.zeros(1, 4, 4, 3), r"3 channels .* got 4"),
+        (torch.zeros(1, 2, 4, 4), r"3 channels .* got 2"),
+        (torch.zeros(0, 3, 4, 4), r"at least one frame"),
+        (torch.zeros(2, 0, 3, 4, 4), r"at least one frame"),
+        (torch.zeros(1, 3, 4, 6), r"be 4x5 pixels \(height x width\), got 4x6"),
+    ],
+)
+def test_bad_frames_are_refused_by_name(frames: torch.Tensor, message: str) -> None:
+    with pytest.raises(InputError, match=r"^frames must .*" + message):
+        check_frames(frames, (4, 5))
+
+
+def test_grey_is_the_mean_of_the_planes_and_leaves_them_alone() -> None:
+    frames = torch.rand(2, 3, 4, 5, dtype=torch.float64)
+    before = frames.clone()
+    assert_allclose(grey(frames), before.numpy().mean(-3), atol=1e-15)
+    assert torch.equal(frames, before)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 255.0), (-1.0, 1.0), (0.0, 1.5), (-0.1, 1.0), (0.0, 1.1)])
+def test_floats_out_of_range_are_refused(low: float, high: float) -> None:
+    frames = torch.linspace(low, high, 2 * 3 * 500 * 4).reshape(2, 3, 500, 4)
+    with pytest.raises(InputError, match=f"frames of floats must lie in 0..1, got {low:g} to .*divide by 255"):
+        check_frames(frames)
+    # A little too much is the interpolation's.
+    check_frames(frames.clamp(-0.005, 1.005))

@@ -129,17 +129,6 @@ def test_what_moves_together_is_much_and_what_does_not_is_little() -> None:
     assert float(apart.abs().amax()) < 0.25
 
 
-def test_chunks_and_batches_give_the_same() -> None:
-    motion = CoherentMotion((48, 60), 0.04, FEW)
-    frames = torch.stack([drift((1, 0), 8), drift((0, 1), 8)])
-    whole, last = motion(frames)
-    first, state = motion(frames[:, :3])
-    second, state = motion(frames[:, 3:], state)
-    torch.testing.assert_close(torch.cat([first, second], 1), whole)
-    torch.testing.assert_close(motion.maps(motion.advance(frames[1])), whole[1, -1])
-    assert int(last.steps) == int(state.steps) == 8
-
-
 SENSORS = [NDMin(), NDMinus(), NDS(), NDS(tau_low=0.02), ChahlSrinivasan()]
 
 

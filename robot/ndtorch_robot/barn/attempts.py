@@ -27,7 +27,7 @@ from ndtorch_robot.config import RATE
 from ndtorch_robot.evaluation.drives import ResultCache
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
-from ndtorch_robot.robot_config import RobotTable
+from ndtorch_robot.run_config import RobotTable
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.sim.plan import Point
 from ndtorch_robot.sim.simulation import BODY, RIG, Mover, Simulation

@@ -184,5 +184,5 @@ def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: boo
             save(table_plot(rows), beside)
         write_evaluation_page(rows, note, folder)
     if as_json:
-        return json.dumps([{k: v for k, v in row._asdict().items() if k != "drives"} for row in rows])
+        return json.dumps([{k: v for k, v in row.items() if k != "drives"} for row in rows])
     return text + f"\nwritten to {folder}: table.md table.csv drives.jsonl" + " table.png report.html" * bool(rows)

@@ -74,7 +74,7 @@ class Import:
         from ndtorch_robot.navigator_table import print_note
         from ndtorch_robot.recording import Recorder
         from ndtorch_robot.recording.bags import StereoBag
-        from ndtorch_robot.robot_config import BodyTable
+        from ndtorch_robot.run_config import BodyTable
 
         torch.set_num_threads(1)
         if not 0 < self.map_half_size < 1e4:

@@ -305,17 +305,17 @@ def table_plot(rows: Sequence[Row]) -> Figure:
     Small markers are single drives, the line spans them, large markers are all drives together.
     """
     places = list(dict.fromkeys(place_of(row) for row in rows))
-    controllers = list(dict.fromkeys(row.controller for row in rows))
+    controllers = list(dict.fromkeys(row["controller"] for row in rows))
     figure = new_figure(11, max(2.4, 0.5 + 0.22 * len(places) * (len(controllers) + 0.6)) + 1.0)
     left, right = figure.subplots(1, 2, sharey=True)
     for row in rows:
         place = places.index(place_of(row))
-        which = controllers.index(row.controller)
+        which = controllers.index(row["controller"])
         y = place + (which - (len(controllers) - 1) / 2) * min(0.3, 0.8 / len(controllers))
         color, marker = STYLES[which % len(STYLES)]
-        hits = [d["collisions"] / d["simulated_seconds"] * 3600 for d in row.drives]
-        passed = [100 * d["free_area_passed"] for d in row.drives]
-        for axes, each, mean in ((left, hits, row.collisions_h), (right, passed, 100 * row.passed)):
+        hits = [d["collisions"] / d["simulated_seconds"] * 3600 for d in row["drives"]]
+        passed = [100 * d["free_area_passed"] for d in row["drives"]]
+        for axes, each, mean in ((left, hits, row["collisions_h"]), (right, passed, 100 * row["passed"])):
             axes.plot([min(each), max(each)], [y, y], color=color, lw=1.5, alpha=0.6, zorder=2)
             axes.plot(each, np.full(len(each), y), marker, color=color, ms=5, alpha=0.7, ls="none", zorder=3, mew=0)
             axes.plot([mean], [y], marker, color=color, ms=9, mec="white", ls="none", zorder=4)
@@ -329,7 +329,7 @@ def table_plot(rows: Sequence[Row]) -> Figure:
 
 
 def place_of(row: Row) -> tuple[str, str]:
-    return row.arena, ", ".join(filter(None, (row.walls, row.disturbance)))
+    return row["arena"], ", ".join(filter(None, (row["walls"], row["disturbance"])))
 
 
 def table_axes(left: Axes, right: Axes, places: list[tuple[str, str]]) -> None:

@@ -63,9 +63,9 @@ def write_drive_page(result: Result, words: str, folder: Path) -> Path:
 
 def write_evaluation_page(rows: Sequence[Row], note: str, folder: Path) -> Path:
     """Write report.html about an evaluation whose plot is in `folder`."""
-    drives = sum(len(row.drives) for row in rows)
-    hours = sum(row.hours for row in rows)
-    hits = round(sum(row.hours * row.collisions_h for row in rows))
+    drives = sum(len(row["drives"]) for row in rows)
+    hours = sum(row["hours"] for row in rows)
+    hits = round(sum(row["hours"] * row["collisions_h"] for row in rows))
     counted = f"{drives} {'drive' if drives == 1 else 'drives'}", f"{hits} {'collision' if hits == 1 else 'collisions'}"
     answer = [f"{counted[0]}, {hours:.2f} simulated hours, {counted[1]}.", note]
     table = Table("All drives together", *shown_cells(rows))

@@ -1,4 +1,4 @@
-"""The table of an evaluation: one row for all drives of a controller in an arena."""
+"""The table of an evaluation: one row for all drives of a controller in an arena, under one disturbance."""
 
 from __future__ import annotations
 
@@ -6,155 +6,134 @@ import csv
 import io
 from collections.abc import Callable, Sequence
 from statistics import median
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ndtorch_robot.evaluation.drives import Summary
 
-
-class Row(NamedTuple):
-    """All drives of one controller in one arena, under one disturbance.
-
-    Attributes:
-        hours, collisions_h, stops_h, distance_m: of all drives together.
-        hits_1000: collisions in a thousand lengths of the body that were driven, of all drives together.
-        passed, passed_close: share of the free area passed within 1 m and 0.4 m, mean over the drives.
-        places_hit: where there was a collision, of all drives together.
-        people: people hit from ahead, and times the car was hit while stationary, of all drives together.
-        gates: doors, lines and the like that were passed, and how many there were.
-        precision, surfaces, recall, position_cm, spacing_percent: of the maps, means over the drives that have them.
-        pose_cm, pose_degrees: median error of the corrected pose in a drive: the median over the drives, and the worst;
-            None where there was no error, or it is not known.
-        drives: the summaries.
-    """
-
-    arena: str
-    walls: str
-    controller: str
-    disturbance: str
-    drives: list[Summary]
-    hours: float
-    collisions_h: float
-    stops_h: float
-    distance_m: float
-    hits_1000: float | None
-    passed: float
-    passed_close: float | None
-    places_hit: int
-    people: tuple[int, int]
-    gates: tuple[int, int]
-    precision: float | None
-    surfaces: float | None
-    recall: float | None
-    position_cm: float | None
-    spacing_percent: float | None
-    pose_cm: tuple[float, float] | None
-    pose_degrees: tuple[float, float] | None
-
-
-def text(value: float | None, digits: int, factor: float = 1.0) -> str:
-    """A number with so many digits; "" for None."""
-    return "" if value is None else f"{factor * value:.{digits}f}"
+Drives = list[Summary]
+Row = dict[str, Any]
+"""Values of the columns by their keys; None where there is nothing to say."""
 
 
 class Column(NamedTuple):
-    """A column: how a row is written in it, "" where there is nothing; and whether it may be left out then."""
+    """A column of the table.
 
-    cell: Callable[[Row], str]
+    Attributes:
+        key: of the value in a row; head: in the table.
+        value: of all drives of the row.
+        form: of the value, or of the parts of a tuple; a percent sign is left out, for the head has it.
+        optional: whether the column is left out where no row has anything to show.
+    """
+
+    key: str
+    head: str
+    value: Callable[[Drives], Any]
+    form: str = "{}"
     optional: bool = False
 
-
-COLUMNS: dict[str, Column] = {
-    "arena": Column(lambda r: r.arena),
-    "walls": Column(lambda r: r.walls),
-    "controller": Column(lambda r: r.controller),
-    "disturbance": Column(lambda r: r.disturbance, optional=True),
-    "drives": Column(lambda r: str(len(r.drives))),
-    "simulated hours": Column(lambda r: text(r.hours, 2)),
-    "collisions/h": Column(lambda r: text(r.collisions_h, 1)),
-    "places hit": Column(lambda r: str(r.places_hit)),
-    "people hit / hit standing": Column(lambda r: "{} / {}".format(*r.people) if any(r.people) else "", optional=True),
-    "stops/h": Column(lambda r: text(r.stops_h, 1)),
-    "m driven": Column(lambda r: text(r.distance_m, 0)),
-    "collisions/1000 body lengths": Column(lambda r: text(r.hits_1000, 2), optional=True),
-    "passed within 1 m %": Column(lambda r: text(r.passed, 0, 100)),
-    "passed within 0.4 m %": Column(lambda r: text(r.passed_close, 0, 100)),
-    "gates passed": Column(lambda r: "{} of {}".format(*r.gates) if r.gates[1] else "", optional=True),
-    "map precision %": Column(lambda r: text(r.precision, 0, 100)),
-    "map within 10 cm of surfaces %": Column(lambda r: text(r.surfaces, 0, 100)),
-    "map recall %": Column(lambda r: text(r.recall, 0, 100)),
-    "map position error cm": Column(lambda r: text(r.position_cm, 1)),
-    "map spacing error %": Column(lambda r: text(r.spacing_percent, 2)),
-    "pose error cm, worst drive": Column(lambda r: "{:.1f}, {:.1f}".format(*r.pose_cm) if r.pose_cm else "", True),
-    "pose error degrees, worst drive": Column(
-        lambda r: "{:.2f}, {:.2f}".format(*r.pose_degrees) if r.pose_degrees else "", True
-    ),
-}
-"""All columns, in order. The first four are words."""
-
-WORDS = 4
+    def cell(self, row: Row) -> str:
+        """The value as the table shows it; "" for nothing: None, or a tuple of nothing but zeros."""
+        value = row[self.key]
+        parts = value if isinstance(value, tuple) else (len(value),) if isinstance(value, list) else (value,)
+        nothing = value is None or (isinstance(value, tuple) and not any(value))
+        return "" if nothing else self.form.format(*parts).removesuffix("%")
 
 
-def rows_of(summaries: list[Summary]) -> list[Row]:
-    groups: dict[tuple[str, str, str, str], list[Summary]] = {}
-    for summary in summaries:
-        arena, walls, controller = (str(summary[name]) for name in ("arena", "walls", "controller"))
-        key = (arena, walls, controller, str(summary.get("disturbance", "")))
-        groups.setdefault(key, []).append(summary)
-    return [row_of(key, drives) for key, drives in groups.items()]
+def word(name: str) -> Callable[[Drives], str]:
+    return lambda drives: str(drives[0].get(name, ""))
 
 
-def row_of(key: tuple[str, str, str, str], drives: list[Summary]) -> Row:
-    hours = sum(d["simulated_seconds"] for d in drives) / 3600
+def total(drives: Drives, name: str) -> float:
+    return float(sum(d.get(name, 0) for d in drives))
 
-    def total(name: str) -> float:
-        return float(sum(d.get(name, 0) for d in drives))
 
-    def of_maps(name: str) -> float | None:
+def hours(drives: Drives) -> float:
+    return float(sum(d["simulated_seconds"] for d in drives)) / 3600
+
+
+def hits_1000(drives: Drives) -> float | None:
+    lengths = total(drives, "body_lengths")
+    return 1000 * total(drives, "collisions") / lengths if lengths else None
+
+
+def passed_close(drives: Drives) -> float | None:
+    known = all("free_area_passed_40cm" in d for d in drives)
+    return total(drives, "free_area_passed_40cm") / len(drives) if known else None
+
+
+def of_maps(name: str) -> Callable[[Drives], float | None]:
+    """The mean over the drives that have it."""
+
+    def value(drives: Drives) -> float | None:
         values = [d["map"][name] for d in drives if d["map"][name] is not None]
         return sum(values) / len(values) if values else None
 
-    gates = [d["gates"] for d in drives if "gates" in d]
-    lengths = sum(d.get("body_lengths", 0.0) for d in drives)
-    return Row(
-        *key,
-        drives,
-        hours,
-        total("collisions") / hours,
-        total("stopped") / hours,
-        total("distance_m"),
-        1000 * total("collisions") / lengths if lengths else None,
-        total("free_area_passed") / len(drives),
-        total("free_area_passed_40cm") / len(drives) if all("free_area_passed_40cm" in d for d in drives) else None,
-        round(total("collision_places")),
-        (round(total("people_hit")), round(total("hit_while_standing"))),
-        (sum(pair[0] for pair in gates), sum(pair[1] for pair in gates)),
-        of_maps("precision"),
-        of_maps("surfaces"),
-        of_maps("recall"),
-        of_maps("position_error_cm"),
-        of_maps("spacing_error_percent"),
-        pose_errors(drives, "median_m", 100.0),
-        pose_errors(drives, "median_degrees", 1.0),
-    )
+    return value
 
 
-def pose_errors(drives: list[Summary], name: str, factor: float) -> tuple[float, float] | None:
-    """The median over the drives of an error of the corrected pose, and the largest."""
-    errors = [d.get("pose_error", {}) for d in drives]
-    values = [factor * error["located"][name] for error in errors if "located" in error]
-    return (median(values), max(values)) if any(values) else None
+def pose_errors(name: str, factor: float = 1.0) -> Callable[[Drives], tuple[float, float] | None]:
+    """The median over the drives of an error of the corrected pose, and the largest; None without an error."""
+
+    def value(drives: Drives) -> tuple[float, float] | None:
+        errors = [d.get("pose_error", {}) for d in drives]
+        values = [factor * error["located"][name] for error in errors if "located" in error]
+        return (median(values), max(values)) if any(values) else None
+
+    return value
+
+
+COLUMNS = (
+    Column("arena", "arena", word("arena")),
+    Column("walls", "walls", word("walls")),
+    Column("controller", "controller", word("controller")),
+    Column("disturbance", "disturbance", word("disturbance"), optional=True),
+    Column("drives", "drives", lambda d: d),
+    Column("hours", "simulated hours", hours, "{:.2f}"),
+    Column("collisions_h", "collisions/h", lambda d: total(d, "collisions") / hours(d), "{:.1f}"),
+    Column("places_hit", "places hit", lambda d: round(total(d, "collision_places"))),
+    Column(
+        "people", "people hit / hit standing",
+        lambda d: (round(total(d, "people_hit")), round(total(d, "hit_while_standing"))), "{} / {}", True,
+    ),
+    Column("stops_h", "stops/h", lambda d: total(d, "stopped") / hours(d), "{:.1f}"),
+    Column("distance_m", "m driven", lambda d: total(d, "distance_m"), "{:.0f}"),
+    Column("hits_1000", "collisions/1000 body lengths", hits_1000, "{:.2f}", True),
+    Column("passed", "passed within 1 m %", lambda d: total(d, "free_area_passed") / len(d), "{:.0%}"),
+    Column("passed_close", "passed within 0.4 m %", passed_close, "{:.0%}"),
+    Column(
+        "gates", "gates passed", lambda d: tuple(sum(one["gates"][k] for one in d if "gates" in one) for k in (0, 1)),
+        "{} of {}", True,
+    ),
+    Column("precision", "map precision %", of_maps("precision"), "{:.0%}"),
+    Column("surfaces", "map within 10 cm of surfaces %", of_maps("surfaces"), "{:.0%}"),
+    Column("recall", "map recall %", of_maps("recall"), "{:.0%}"),
+    Column("position_cm", "map position error cm", of_maps("position_error_cm"), "{:.1f}"),
+    Column("spacing_percent", "map spacing error %", of_maps("spacing_error_percent"), "{:.2f}"),
+    Column("pose_cm", "pose error cm, worst drive", pose_errors("median_m", 100), "{:.1f}, {:.1f}", True),
+    Column("pose_degrees", "pose error degrees, worst drive", pose_errors("median_degrees"), "{:.2f}, {:.2f}", True),
+)  # fmt: skip
+"""All columns, in order. The first four are words, and name the row."""
+
+WORDS = COLUMNS[:4]
+
+
+def rows_of(summaries: list[Summary]) -> list[Row]:
+    groups: dict[tuple[str, ...], Drives] = {}
+    for summary in summaries:
+        groups.setdefault(tuple(column.value([summary]) for column in WORDS), []).append(summary)
+    return [{column.key: column.value(drives) for column in COLUMNS} for drives in groups.values()]
 
 
 def shown_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
     """Titles and cells of the columns to show: not the optional ones in which no row has anything."""
-    kept = {name: c for name, c in COLUMNS.items() if not c.optional or any(c.cell(row) for row in rows)}
-    return list(kept), [[column.cell(row) for column in kept.values()] for row in rows]
+    kept = [column for column in COLUMNS if not column.optional or any(column.cell(row) for row in rows)]
+    return [column.head for column in kept], [[column.cell(row) for column in kept] for row in rows]
 
 
 def markdown(rows: Sequence[Row], note: str) -> str:
     """The table in Markdown, with a line below it that says how it was made."""
     names, cells = shown_cells(rows)
-    words = sum(name in names for name in list(COLUMNS)[:WORDS])
+    words = sum(column.head in names for column in WORDS)
     lines = ["| " + " | ".join(names) + " |", "|---" * words + "|---:" * (len(names) - words) + "|"]
     lines += ["| " + " | ".join(cell or "-" for cell in row) + " |" for row in cells]
     return "\n".join([*lines, "", note, ""])
@@ -163,6 +142,6 @@ def markdown(rows: Sequence[Row], note: str) -> str:
 def comma_separated(rows: Sequence[Row]) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows([column.cell(row) for column in COLUMNS.values()] for row in rows)
+    writer.writerow([column.head for column in COLUMNS])
+    writer.writerows([column.cell(row) for column in COLUMNS] for row in rows)
     return out.getvalue()

@@ -97,8 +97,6 @@ def test_a_car_that_stands_or_was_carried_has_driven_nothing():
     assert put.keyframe is None
 
 
-pytest.importorskip("numba")
-
 MIN_MATCHES = LOCALISER.odometry.min_matches
 RIG = StereoRig(forward=0.15)
 

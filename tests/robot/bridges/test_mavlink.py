@@ -12,7 +12,7 @@ from ndtorch_robot.bridges.mavlink import sector_distances
 from ndtorch_robot.link.mavlink_connection import MavlinkConnection
 from ndtorch_robot.obstacles import nearest_by_sector, seen_obstacles
 from tests.robot.support.autopilot import Autopilot, free_port, wait_for
-from tests.robot.support.known_state import known_step
+from tests.robot.support.cars import known_step
 
 
 def test_the_nearest_of_each_sector():

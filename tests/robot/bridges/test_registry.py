@@ -15,8 +15,7 @@ from ndtorch_robot.bridges.gamepad import Gamepad, GamepadSettings
 from ndtorch_robot.ports import STAND, DriveCommand
 from ndtorch_robot.run_config import RunConfig
 from tests.robot.support.autopilot import wait_for
-from tests.robot.support.bare_car import FilmCar, bare_loop
-from tests.robot.support.moving_world import RIG, moving_world
+from tests.robot.support.cars import RIG, FilmCar, bare_loop, moving_world
 
 
 class Held(Bridge):

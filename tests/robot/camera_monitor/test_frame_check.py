@@ -15,7 +15,7 @@ from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.run_config import CameraMonitorTable, RunConfig
 from ndtorch_robot.safety import SafeDrive
-from tests.robot.support.plain_drive import PlainDrive, SimulatedClock
+from tests.robot.support.cars import PlainDrive, SimulatedClock
 
 RIG, RATE, SPEED = StereoRig(), 30.0, 0.5
 ROW, FIELD = 640, (29, 85)

@@ -16,7 +16,7 @@ from ndtorch.errors import InputError
 from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, list_devices, open_capture
 from ndtorch_robot.cameras import source as source_module
 from ndtorch_robot.cameras.sources import v4l2
-from ndtorch_robot.cameras.sources.folder import FolderCapture
+from ndtorch_robot.cameras.sources.files import FolderCapture
 from ndtorch_robot.cameras.sources.v4l2 import UsbPlace, group_of, set_up, try_device
 from tests.robot.support.fake_captures import Properties, folder_of, picture
 

@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -16,12 +18,12 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Body, StereoRig, cut_strips
 from ndtorch_robot import ros_messages as ros
 from ndtorch_robot.ports import DriveCommand
-from ndtorch_robot.recording import open_recording
+from ndtorch_robot.recording import Recorder, open_recording
 from ndtorch_robot.recording.bags import Motion, StereoBag, find_topics
 from ndtorch_robot.recording.replay import make_runner
-from tests.robot.support.moving_world import moving_world
+from tests.robot.support.cars import FilmCar, bare_loop, moving_world
 
-RIG = StereoRig(width=160, height=120, focal=107.0, baseline=0.12)
+SMALL_RIG = StereoRig(width=160, height=120, focal=107.0, baseline=0.12)
 DRIVEN, RATE, START = DriveCommand(0.4, 0.5), 20.0, 1.7e9
 
 
@@ -76,14 +78,14 @@ def write_bag(folder, plugin, kind, count=30, odometry=True, skip=()):
             data = ROS1.serialize_ros1(to_ros1(message), name) if plugin is None else ros.to_cdr(message)
             bag.write(made[topic], round((START + n / RATE) * 1e9), data)
 
-        for n, frames in enumerate(moving_world(count, RIG)):
+        for n, frames in enumerate(moving_world(count, SMALL_RIG)):
             if odometry:
                 add("/odom", ros.odometry(place(n), DRIVEN, START + n / RATE - 0.001), n)
             for topic, message in images(frames, n, kind):
                 if (n, "left" in topic) not in skip:
                     add(topic, message, n)
             if n == 0:
-                for side, info in zip(("left", "right"), ros.camera_infos(RIG), strict=True):
+                for side, info in zip(("left", "right"), ros.camera_infos(SMALL_RIG), strict=True):
                     add(f"/stereo/{side}/camera_info", info, n)
     return folder
 
@@ -107,12 +109,12 @@ def test_a_bag_becomes_a_recording_that_replays(tmp_path, capsys, plugin, kind, 
     assert (told["steps"], told["odometry"], told["rate_hz"]) == (28, "/odom", pytest.approx(RATE, rel=1e-3))
     assert told["ranges"] > 50
     recording = open_recording(out)
-    steps, world = list(recording.steps()), list(moving_world(30, RIG))
+    steps, world = list(recording.steps()), list(moving_world(30, SMALL_RIG))
     seen = [n for n in range(30) if n not in (4, 9)]
     assert [round((step.time - START) * RATE) for step in steps] == seen
     fields = StereoBag(path).rig.subfields()
     for step, n in list(zip(steps, seen, strict=True))[::9]:
-        assert torch.equal(step.frames.left.field, cut_strips(world[n].left, fields[0], RIG).field)
+        assert torch.equal(step.frames.left.field, cut_strips(world[n].left, fields[0], SMALL_RIG).field)
     assert [step.driven.speed for step in steps[1:]] == pytest.approx([0.4] * 27, rel=1e-3)
     assert [step.driven.curvature for step in steps[1:]] == pytest.approx([0.5] * 27, rel=1e-3)
     assert main(["replay", str(out), "--json"]) == 0
@@ -154,7 +156,7 @@ def test_the_navigator_of_a_bag_has_the_body_of_its_robot(tmp_path):
 
 def test_raw_images_are_rectified(tmp_path, monkeypatch):
     """A lens that bends: points of the rectified image are where the calibration has them."""
-    infos = ros.camera_infos(RIG)
+    infos = ros.camera_infos(SMALL_RIG)
     for info in infos:
         info.d = np.array([-0.2, 0.05, 0.0, 0.0, 0.0])
     monkeypatch.setattr(ros, "camera_infos", lambda rig: infos)
@@ -217,3 +219,100 @@ def test_what_is_no_bag_is_one_line(tmp_path, capsys, content, suffix):
     assert err.startswith("error:")
     assert err.count("\n") == 1
     assert not (tmp_path / "o.mcap").exists()
+
+
+RIG, COUNT = StereoRig(width=160, height=120, focal=107.0, baseline=0.12), 60
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """A recording of two seconds, and the steps as they were."""
+    path, steps = tmp_path_factory.mktemp("mcap") / "r.mcap", []
+    loop = bare_loop(
+        FilmCar(moving_world(COUNT, RIG)), RIG, controller="published", stereo="search", map_half_size_m=5.0
+    )
+    with Recorder(path, loop.runner, when_full="wait") as recorder:
+        loop.observers += [recorder, steps.append]
+        loop.observers.append(lambda step: loop.safe.emergency("a key") if step.number == 40 else None)
+        loop.run((COUNT - 1.5) / 30)
+    return path, steps, loop.runner
+
+
+def decoded(path, topic):
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [(message.log_time, told) for _, _, message, told in reader.iter_decoded_messages(topics=[topic])]
+
+
+def test_the_index_says_what_is_in_it(driven):
+    path, steps, _ = driven
+    with path.open("rb") as file:
+        summary = make_reader(file, validate_crcs=True).get_summary()
+    counts = {channel.topic: summary.statistics.channel_message_counts[n] for n, channel in summary.channels.items()}
+    every = {f"/camera/{side}/{part}": COUNT for side in ("left", "right") for part in ("field", "row")}
+    assert every.items() <= counts.items()
+    assert counts["/cmd_vel"] == counts["/ndtorch/step"] == len(steps) == COUNT
+    assert counts["/scan"] == counts["/odom"] == counts["/tf"] == sum(step.state is not None for step in steps)
+    assert counts["/map"] == 2  # at the beginning and at the end
+    assert counts["/camera/left/picture/compressed"] == 10
+    assert {channel.message_encoding for channel in summary.channels.values()} == {"cdr"}
+    assert len(summary.chunk_indexes) >= 6  # .3 s each
+    spans = [(index.message_end_time - index.message_start_time) / 1e9 for index in summary.chunk_indexes]
+    assert max(spans) <= 0.3 + 1e-6
+
+
+def test_motion_and_ranges(driven):
+    path, steps, _ = driven
+    moved = [step for step in steps if step.state is not None]
+    for (when, told), step in zip(decoded(path, "/odom"), moved, strict=True):
+        assert when == round(step.time * 1e9)
+        pose = step.state.pose
+        place = told.pose.pose.position
+        assert (place.x, place.y) == (float(pose.x), float(pose.y))
+        assert told.twist.twist.linear.x == step.driven.speed
+    for (_, told), step in zip(decoded(path, "/cmd_vel"), steps, strict=True):
+        assert (told.twist.linear.x, told.twist.angular.z) == (step.sent.speed, step.sent.speed * step.sent.curvature)
+    seen = 0
+    for (_, told), step in zip(decoded(path, "/scan"), moved, strict=True):
+        ranges = step.state.ranges
+        valid = np.asarray(ranges.valid)
+        true = np.hypot(np.asarray(ranges.x), np.asarray(ranges.y))[valid]
+        found = np.array([r for r in told.ranges if math.isfinite(r)])
+        assert found.size <= true.size
+        assert all(np.isclose(true, r, rtol=1e-6).any() for r in found)
+        seen += found.size
+    assert seen > 20
+
+
+def test_what_the_navigator_read(driven):
+    path, steps, runner = driven
+    for k, side in enumerate(("left", "right")):
+        messages = decoded(path, f"/camera/{side}/field")
+        for (_, told), step in list(zip(messages, steps, strict=True))[::10]:
+            strip = cut_strips(step.frames[k], runner.fields[k], RIG).field
+            pixels = np.frombuffer(bytes(told.data), np.uint8).reshape(told.height, told.width, 3)
+            assert told.encoding == "rgb8"
+            assert np.array_equal(pixels, strip[0].permute(1, 2, 0))
+
+
+def test_why_the_car_stood_and_the_rig(driven):
+    path = driven[0]
+    told = [message.status[0] for _, message in decoded(path, "/diagnostics")]
+    assert told[0].level == 0
+    assert (told[-1].level, told[-1].message) == (2, "emergency stop: a key")
+    left, right = (decoded(path, f"/camera/{side}/camera_info")[0][1] for side in ("left", "right"))
+    rig = StereoRig.from_projections(left.p, right.p, left.width, left.height)
+    assert (rig.focal, rig.baseline) == (RIG.focal, pytest.approx(RIG.baseline))
+
+
+def test_rosbags_reads_it_with_definitions_of_its_own(driven):
+    path, steps, _ = driven
+    store, found = get_typestore(Stores.ROS2_JAZZY), {"/ndtorch/step": [], "/map": []}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(topics=list(found)):
+            found[channel.topic].append(store.deserialize_cdr(message.data, schema.name))
+    lines = [json.loads(message.data) for message in found["/ndtorch/step"]]
+    assert [tuple(line["wanted"]) for line in lines] == [tuple(step.wanted) for step in steps]
+    grid = found["/map"][0]
+    assert (grid.info.width, grid.info.resolution) == (200, pytest.approx(0.05))
+    assert grid.info.origin.position.x == -5.0

@@ -14,9 +14,8 @@ from ndtorch_robot.sim.cameras import Motion, axes, moved, readout
 from ndtorch_robot.sim.car import Car
 from ndtorch_robot.sim.disturbances import Disturbances, Effect, presets, read_disturbances, registry
 from ndtorch_robot.sim.disturbances.actuators import Delay, Odometer
-from ndtorch_robot.sim.disturbances.light import Light
+from ndtorch_robot.sim.disturbances.cameras import Light, Timing
 from ndtorch_robot.sim.disturbances.registry import CameraErrors, Disturbance
-from ndtorch_robot.sim.disturbances.timing import Timing
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
 

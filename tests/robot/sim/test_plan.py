@@ -8,7 +8,7 @@ import pytest
 
 from ndtorch.errors import InputError
 from ndtorch_robot.sim.arenas import arenas, load_arena
-from ndtorch_robot.sim.arenas.corridors import DOOR_SPACING
+from ndtorch_robot.sim.arenas.buildings import DOOR_SPACING
 from ndtorch_robot.sim.floors import Floor, Lamp, covered
 from ndtorch_robot.sim.plan import Plan, Ring, inside, ring
 from ndtorch_robot.sim.shapes import Box, trace

@@ -12,7 +12,7 @@ from ndtorch.navigation import Grid
 from ndtorch_robot.bridges import Opening, open_bridges
 from tests.robot.support import ros2_peer
 from tests.robot.support.autopilot import free_port
-from tests.robot.support.known_state import known_step
+from tests.robot.support.cars import known_step
 
 SECONDS, RATE, DOMAIN = 15.0, 30.0, 199
 

@@ -24,7 +24,7 @@ from ndtorch.binding.learning import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.errors import InputError
 from ndtorch.scenes import Bar, BarScene
-from ndtorch.scenes.rendered import RenderedScene
+from ndtorch.scenes.base import RenderedScene
 from ndtorch.vision import FEATURES, GROUPS, VisualFeatures
 from ndtorch.vision.blocks import BLOCK, BlockLowPass, low_pass
 from ndtorch.vision.temporal import smoothing_factor

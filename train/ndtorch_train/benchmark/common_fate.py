@@ -25,6 +25,7 @@ from ndtorch.utils.packages import MODELS
 from ndtorch.vision import CoherentMotion
 from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
 from ndtorch_train.benchmark.foreground import Subtraction
+from ndtorch_train.benchmark.mot import mask_iou
 from ndtorch_train.plots import draw_common_fate
 from ndtorch_train.rows import Row
 
@@ -287,7 +288,7 @@ def scored(found: Sequence[Found], truth: npt.NDArray[np.bool_]) -> tuple[bool, 
         for n, mask in enumerate(truth):
             hits[n, k] = within and mask[row, column]
             if one.mask is not None:
-                overlap[n, k] = (mask & one.mask).sum() / max(1, (mask | one.mask).sum())
+                overlap[n, k] = mask_iou(mask, one.mask)
     pairs = linear_sum_assignment(hits, maximize=True)
     place = 2 * hits[pairs].sum() / (len(truth) + len(found))
     masks = any(one.mask is not None for one in found) or not found

@@ -200,14 +200,17 @@ def read_clip(folder: Path) -> LabelledClip:
     return LabelledClip(clip, nothing)
 
 
-def clip_folders(folder: Path) -> list[Path]:
-    """The folders of clips in a folder, or itself if it is one. Raises `InputError`: none there."""
-    if (folder / "clip.mp4").is_file():
-        return [folder]
-    found = sorted(path.parent for path in folder.glob("*/clip.mp4"))
+def folders_with(name: str, folder: Path, what: str) -> list[Path]:
+    """The folders in a folder that hold a file of that name, or itself if it does. Raises `InputError`: none there."""
+    found = [folder] if (folder / name).is_file() else sorted(path.parent for path in folder.glob(f"*/{name}"))
     if not found:
-        raise InputError(f"{folder} holds no folder with a clip.mp4")
+        raise InputError(f"{folder} holds no {what}")
     return found
+
+
+def clip_folders(folder: Path) -> list[Path]:
+    """The folders of clips in a folder, or itself if it is one."""
+    return folders_with("clip.mp4", folder, "folder with a clip.mp4")
 
 
 def read_boxes(path: Path) -> Iterator[TrueFrame]:
@@ -390,6 +393,11 @@ def overlap_ratios(true: Sequence[Box], reported: Sequence[Box]) -> npt.NDArray[
     shared = common.clip(0).prod(-1)
     areas = [(boxes[:, 2:] - boxes[:, :2]).prod(-1) for boxes in (one, other)]
     return np.asarray(shared / np.maximum(areas[0][:, None] + areas[1] - shared, 1e-9))
+
+
+def mask_iou(one: Mask, other: Mask) -> float:
+    """Intersection over union of two masks."""
+    return float((one & other).sum() / max(1, (one | other).sum()))
 
 
 def overlapping(ratios: npt.NDArray[np.float64]) -> int:

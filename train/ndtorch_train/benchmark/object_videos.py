@@ -22,6 +22,7 @@ from ndtorch.tracking.layers import Layers
 from ndtorch.tracking.regions import color_parts, commonest_color
 from ndtorch.utils.files import ARRAY_BYTES, check_declared, open_regular
 from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
+from ndtorch_train.benchmark.mot import mask_iou
 from ndtorch_train.rows import Row
 
 Frames = npt.NDArray[np.uint8]
@@ -200,14 +201,7 @@ class MaskScore(NamedTuple):
 
     def plus(self, other: MaskScore) -> MaskScore:
         """The counts of both."""
-        return MaskScore(
-            self.objects + other.objects,
-            self.pairs + other.pairs,
-            self.misses + other.misses,
-            self.false_positives + other.false_positives,
-            self.switches + other.switches,
-            self.overlap + other.overlap,
-        )
+        return MaskScore(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[arg-type]
 
 
 def clear_mot(truth: Masks, found: Masks) -> MaskScore:
@@ -219,8 +213,8 @@ def clear_mot(truth: Masks, found: Masks) -> MaskScore:
     total, partners = MaskScore(), dict[int, int]()
     for true, seen in zip(truth[WARM_UP:], found[WARM_UP:], strict=True):
         objects, masks = _large(true), _large(seen)
-        masks = [m for m in masks if _iou(m[1], true == 0) <= 0.2]
-        overlap = np.array([[_iou(a, b) for _, b in masks] for _, a in objects]).reshape(len(objects), len(masks))
+        masks = [m for m in masks if mask_iou(m[1], true == 0) <= 0.2]
+        overlap = np.array([[mask_iou(a, b) for _, b in masks] for _, a in objects]).reshape(len(objects), len(masks))
         kept = {label: j for j, (label, _) in enumerate(masks)}
         pairs: dict[int, int] = {}
         for i, (label, _) in enumerate(objects):
@@ -244,10 +238,6 @@ def clear_mot(truth: Masks, found: Masks) -> MaskScore:
 
 def _large(labels: Masks) -> list[tuple[int, npt.NDArray[np.bool_]]]:
     return [(int(n), labels == n) for n in np.unique(labels) if n and (labels == n).sum() > 5]
-
-
-def _iou(one: npt.NDArray[np.bool_], other: npt.NDArray[np.bool_]) -> float:
-    return float((one & other).sum() / max(1, (one | other).sum()))
 
 
 def videos(case: str, folder: Path | None, split: Split, count: int) -> list[tuple[Frames, Masks]]:

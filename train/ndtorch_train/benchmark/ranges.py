@@ -24,6 +24,7 @@ from ndtorch.navigation import FeatureParams, MatchParams, StereoRanging, Stereo
 from ndtorch.navigation.stereo.search import SearchParams
 from ndtorch.report.page import Shown
 from ndtorch_train.benchmark.base import Benchmark, Column, Task
+from ndtorch_train.benchmark.mot import folders_with
 from ndtorch_train.plots import draw_ranges
 from ndtorch_train.rows import Row
 
@@ -168,12 +169,7 @@ class Pair:
 
 def pair_folders(folder: Path) -> list[Path]:
     """The folders that hold a left.png, sorted by name; the folder itself if it does."""
-    if (folder / "left.png").is_file():
-        return [folder]
-    found = sorted(path.parent for path in folder.glob("*/left.png"))
-    if not found:
-        raise InputError(f"{folder} holds no pairs: expected folders with left.png, right.png and disp*.png or .tif")
-    return found
+    return folders_with("left.png", folder, "pairs: expected folders with left.png, right.png and disp*.png or .tif")
 
 
 def read_pair(folder: Path, number: int = 0) -> Pair:

@@ -22,6 +22,7 @@ from scipy.interpolate import CubicSpline
 from ndtorch.errors import InputError
 from ndtorch.tracking.figure_ground import figure_ground
 from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
+from ndtorch_train.benchmark.mot import mask_iou
 from ndtorch_train.rows import Row
 
 Floats = npt.NDArray[np.float64]
@@ -187,18 +188,13 @@ def measure(case: str, method: str, split: Split, films: int, out: Path) -> list
         film = Film(FIRST_SEED[split] + n, CONDITIONS[case])
         found = run(film.frames)
         t = len(film.frames) - 1 if moment == "last" else len(film.frames) // 2
-        shown, other = (iou(found, film.mask(shape, t)) for shape in (0, 1))
+        shown, other = (mask_iou(found, film.mask(shape, t)) for shape in (0, 1))
         right += shown > other
         overlap += shown
         empty += not found.any()
     return [
         {"case": case, "method": method, "right": right / films, "iou": overlap / films, "empty": empty / films}
     ]  # fmt: skip
-
-
-def iou(one: Mask, other: Mask) -> float:
-    """Intersection over union."""
-    return float((one & other).sum() / max(1, (one | other).sum()))
 
 
 COLUMNS = (

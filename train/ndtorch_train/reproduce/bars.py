@@ -23,10 +23,19 @@ from ndtorch_train.plots import (
     weight_panel,
 )
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
-from ndtorch_train.reproduce.signals import Run, draw_runs, learn, one_trial, owners, rendered, share_in, superposed
-
-PAIR = ["red", "green"]
-RED, GREEN_ = FEATURES.index("red"), FEATURES.index("green")
+from ndtorch_train.reproduce.signals import (
+    N_GREEN,
+    N_RED,
+    PAIR,
+    Run,
+    draw_runs,
+    learn,
+    one_trial,
+    owners,
+    rendered,
+    share_in,
+    superposed,
+)
 
 
 def features_of(weights: Tensor, owner: str) -> set[str]:
@@ -50,8 +59,8 @@ def two_bars(context: Context, seconds: float, phase_step: int, rendered_phases:
     top = figure.add_subplot(grid[0, :])
     low = [figure.add_subplot(grid[1, k]) for k in range(2)]
     output_panel(top, run.time, run.outputs, "network outputs during learning", owners(w), until=10.0, since=0.0)
-    weight_panel(low[0], run.weight_time, run.weights, RED, "weights from the red neuron")
-    weight_panel(low[1], run.weight_time, run.weights, GREEN_, "weights from the green neuron")
+    weight_panel(low[0], run.weight_time, run.weights, N_RED, "weights from the red neuron")
+    weight_panel(low[1], run.weight_time, run.weights, N_GREEN, "weights from the green neuron")
     figure.set_size_inches(11, 7.5)
     feature_legend(figure)
     words = "The second stage as it learns two bars in sine shadow."
@@ -112,7 +121,7 @@ def weak_first_stage(context: Context, seconds: float, radius: float) -> Outcome
     figure, axes = panels(1, 2, 13, 4.4)
     output_panel(axes[0], weak.time, weak.outputs, f"outputs, first stage trained to {radius:g}", [], 10.0, 0.0)
     for run, style, name in ((strong, "-", "trained to 0.9"), (weak, "--", f"trained to {radius:g}")):
-        for column, color in ((RED, ORANGE), (GREEN_, GREEN)):
+        for column, color in ((N_RED, ORANGE), (N_GREEN, GREEN)):
             total = run.weights[:, :, column].sum(1)
             axes[1].plot(run.weight_time, total, style, color=color, lw=2, label=f"{FEATURES[column]}, {name}")
     axes[1].set(title="sum of the weights a neuron sends", xlabel="time since learning began (s)", ylabel="weight")
@@ -122,7 +131,7 @@ def weak_first_stage(context: Context, seconds: float, radius: float) -> Outcome
     caption = "The same stimulus with a weak first stage; beside it, how fast the two right columns grow."
     context.draw("B9-weak-first-stage", figure, "B fig. 9", caption, radius=radius, seconds=seconds)
     at = int((strong.weight_time < 5).sum())
-    grown = [float(run.weights[at, :, [RED, GREEN_]].sum()) for run in (strong, weak)]
+    grown = [float(run.weights[at, :, [N_RED, N_GREEN]].sum()) for run in (strong, weak)]
     wrong = owners(weak.final)
     numbers = {"weight in both columns at 5 s, strong and weak": grown, "owners with a weak first stage": wrong}
     parts = {"not exactly red and green": wrong != PAIR, "columns grow slower": grown[1] < 0.8 * grown[0]}
@@ -266,6 +275,6 @@ def learning_rates(context: Context, seconds: float, phase_step: int, rates: lis
 
 def mean_shares(run: Run, rates: list[float]) -> list[float]:
     """Mean share of weight in the right columns at each rate."""
-    shares = [share_in(w, (RED, GREEN_)) for w in run.final]
+    shares = [share_in(w, (N_RED, N_GREEN)) for w in run.final]
     means: list[float] = np.array(shares).reshape(len(rates), -1).mean(1).round(3).tolist()
     return means

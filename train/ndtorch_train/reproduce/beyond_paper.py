@@ -21,9 +21,9 @@ from ndtorch.binding.models.base import BindingModel
 from ndtorch.binding.models.whole_field import WholeFieldModel
 from ndtorch.scenes import FrameSource, equal_bars, open_video
 from ndtorch_train.plots import BLUE, GREEN, ORANGE, bare, panels
-from ndtorch_train.reproduce.bars import PAIR, three_bars_grid
+from ndtorch_train.reproduce.bars import three_bars_grid
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
-from ndtorch_train.reproduce.signals import SETTLE, rendered, superposed
+from ndtorch_train.reproduce.signals import PAIR, SETTLE, rendered, superposed
 from ndtorch_train.reproduce.video import ParkingLot
 
 THREE = [*PAIR, "blue"]

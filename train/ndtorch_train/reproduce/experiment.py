@@ -85,23 +85,6 @@ class Claim:
         return self.quick if quick else self.full
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """A figure of an experiment.
-
-    Attributes:
-        name: of its files, without `.svg` and `.png`.
-        title: which figure of which paper it is drawn after.
-        caption: what it shows.
-        parameters: what it was computed with.
-    """
-
-    name: str
-    title: str
-    caption: str
-    parameters: dict[str, Any]
-
-
 def with_better(claims: Sequence[Claim]) -> list[Claim]:
     """The claims, and behind each the same with better parts, where there are any."""
     return [one for claim in claims for one in (claim, claim.better) if one is not None]
@@ -129,13 +112,14 @@ class Context:
 
     Attributes:
         quick: whether shorter or fewer trials are wanted.
-        drawings: figures made so far.
+        drawings: figures made so far: name of the files without `.svg` and `.png`, title (the figure of a paper that it
+            is drawn after), caption, and the parameters they were computed with.
     """
 
     def __init__(self, folder: Path, store: Path, quick: bool, report: Report) -> None:
         self.folder, self.store, self.quick = folder, store, quick
         self._report = report
-        self.drawings: list[Drawing] = []
+        self.drawings: list[dict[str, Any]] = []
 
     def report(self, share: float) -> None:
         """Tell how much of the experiment is done, 0..1."""
@@ -153,7 +137,7 @@ class Context:
         with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
             figure.savefig(self.folder / f"{name}.svg", dpi=DPI, metadata={"Date": None})
         figure.savefig(self.folder / f"{name}.png", dpi=DPI)
-        self.drawings.append(Drawing(name, title, caption, parameters))
+        self.drawings.append({"name": name, "title": title, "caption": caption, "parameters": parameters})
 
     def stored(self, kind: str, key: Mapping[str, Any], uses: Sequence[str], make: Callable[[], Arrays]) -> Arrays:
         """Arrays by what they were made with, computed once for all experiments and runs.
@@ -249,7 +233,7 @@ def run_claim(claim: Claim, quick: bool, cache_folder: Path, code: str, report: 
             "code": code,
             "parameters": dict(parameters),
             "outcome": asdict(outcome),
-            "drawings": [asdict(drawing) for drawing in context.drawings],
+            "drawings": context.drawings,
         }
         (work / "result.json").write_text(json.dumps(result, indent=1, default=plain) + "\n", encoding="utf-8")
         shutil.rmtree(place, ignore_errors=True)

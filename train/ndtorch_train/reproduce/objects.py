@@ -15,10 +15,19 @@ from ndtorch.scenes import two_bars
 from ndtorch.vision import FEATURES, LowPass
 from ndtorch_train.plots import BLUE, GREEN, ORANGE, bare, feature_legend, matrix_panel, output_panel, panels
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
-from ndtorch_train.reproduce.signals import draw_runs, learn, one_trial, owners, rendered, share_in, superposed
-
-PAIR = ["red", "green"]
-RED, GREEN_, BLUE_ = (FEATURES.index(name) for name in ("red", "green", "blue"))
+from ndtorch_train.reproduce.signals import (
+    N_BLUE,
+    N_GREEN,
+    N_RED,
+    PAIR,
+    draw_runs,
+    learn,
+    one_trial,
+    owners,
+    rendered,
+    share_in,
+    superposed,
+)
 
 
 def rules(context: Context, seconds: float) -> Outcome:
@@ -33,7 +42,7 @@ def rules(context: Context, seconds: float) -> Outcome:
     feature_legend(figure)
     caption = "Two bars in sine shadow: the competitive rule beside the cooperative one."
     context.draw("C3-rules", figure, "C fig. 3", caption, phase=290, seconds=seconds)
-    shares = {rule: share_in(run.final, (RED, GREEN_)) for rule, run in both.items()}
+    shares = {rule: share_in(run.final, (N_RED, N_GREEN)) for rule, run in both.items()}
     numbers = {"share of weight in red and green": shares, "owners": {r: owners(run.final) for r, run in both.items()}}
     parts = {
         "competitive: at least .6 of the weight in both columns": shares["competitive"] >= 0.6,
@@ -113,13 +122,13 @@ def enhanced_image(context: Context, seconds: float, crossing: tuple[float, floa
     passing = watch(context, crossing[1], crossing[0], (250.0, -85.0), 0.5 if medians else 1.0)
 
     def even(moment: Moment) -> bool:
-        return 0.8 <= moment.before <= 1.25 and moment.winner in (RED, GREEN_)
+        return 0.8 <= moment.before <= 1.25 and moment.winner in (N_RED, N_GREEN)
 
     def gain(moment: Moment) -> float:
-        return moment.after if moment.winner == RED else 1 / moment.after
+        return moment.after if moment.winner == N_RED else 1 / moment.after
 
     shown = []
-    for k in (RED, GREEN_):
+    for k in (N_RED, N_GREEN):
         of_it = [moment for moment in passing if moment.winner == k and even(moment)]
         if of_it:
             # The moment at which the bars are nearest, not the one with the best ratio.
@@ -129,7 +138,8 @@ def enhanced_image(context: Context, seconds: float, crossing: tuple[float, floa
         enhanced_figures(context, shown)
     moments = watch(context, seconds, 6.0, (0.0, 0.0), 1.0) if medians else passing
     ratios = {
-        FEATURES[k]: [gain(moment) for moment in moments if moment.winner == k and even(moment)] for k in (RED, GREEN_)
+        FEATURES[k]: [gain(moment) for moment in moments if moment.winner == k and even(moment)]
+        for k in (N_RED, N_GREEN)
     }
     mids = {name: float(np.median(r)) if r else float("nan") for name, r in ratios.items()}
     least = min((min(r) for r in ratios.values() if r), default=float("nan"))
@@ -223,7 +233,7 @@ def scene_change(context: Context, before: float, after: float, phases: list[flo
     chosen = asked[len(asked) // 2] if asked else 0
     output_panel(axes[0], run.time, run.outputs[chosen], "outputs of one trial", [], None, 0.0)
     axes[0].axvline(before, color="0.3", ls=":")
-    for k, color, name in ((RED, ORANGE, "red"), (GREEN_, GREEN, "green"), (BLUE_, BLUE, "blue")):
+    for k, color, name in ((N_RED, ORANGE, "red"), (N_GREEN, GREEN, "green"), (N_BLUE, BLUE, "blue")):
         trace = columns[asked][:, :, k] if asked else columns[:, :, k]
         axes[1].plot(run.weight_time, trace.median(0).values, color=color, lw=2.2, label=f"from {name}")
         axes[1].fill_between(run.weight_time, trace.amin(0), trace.amax(0), color=color, alpha=0.15, lw=0)
@@ -248,7 +258,7 @@ def scene_change(context: Context, before: float, after: float, phases: list[flo
         "verdicts": [run.model.verdict(one_trial(run.state, i)) for i in asked],
         "red and green all the time, still right": [kept, len(stays)],
         "green and blue from the start, right": [alone, n],
-        "share of the red column left, median": float((columns[:, -1, RED] / columns[:, at, RED])[asked].median())
+        "share of the red column left, median": float((columns[:, -1, N_RED] / columns[:, at, N_RED])[asked].median())
         if asked
         else None,
     }

@@ -21,7 +21,8 @@ from ndtorch_train.plots import feature_legend, matrix_panel, output_panel, pane
 from ndtorch_train.reproduce.experiment import Arrays, Context
 from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars, rendered_sums
 
-RED, GREEN, BLUE = (FEATURES.index(name) for name in ("red", "green", "blue"))
+PAIR = ["red", "green"]
+N_RED, N_GREEN, N_BLUE = (FEATURES.index(name) for name in ("red", "green", "blue"))
 SETTLE = 4.0
 SUMS = ("ndtorch.vision", "ndtorch.scenes")
 """Code that the ten sums depend on."""

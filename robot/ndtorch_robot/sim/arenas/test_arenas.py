@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ndtorch_robot.sim.arenas.corridors import hallway, loop
+from ndtorch_robot.sim.arenas.buildings import hallway, loop
 from ndtorch_robot.sim.arenas.registry import arena
 from ndtorch_robot.sim.floors import Floor
 from ndtorch_robot.sim.plan import Plan, Point, cylinder

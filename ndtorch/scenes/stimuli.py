@@ -1,0 +1,208 @@
+"""Stimuli that train the first stage [B §2.3], and single bars and colors for tuning curves [B §3.1-3.3]."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ndtorch.arguments import check_number, check_size, check_tensor
+from ndtorch.errors import InputError
+from ndtorch.scenes.bar_scenes import Color
+from ndtorch.scenes.bars import Bar, BarScene
+from ndtorch.scenes.base import PerScene, RenderedScene, check_place, pairs
+from ndtorch.scenes.fluctuation import Fluctuation
+
+
+class Rings(RenderedScene):
+    """Contracting rings under a Gaussian envelope, flickering, grey in all three planes. [B eq. 25-27]
+
+    `exp(-r² / (2 sigma²)) · (1 + sin Θ) / 2 · (1 + cos Ψ) / 2` with `Θ = 2 pi flicker t`,
+    `Ψ = 2 pi (ring_frequency r + ring_rate t)`, r the distance in pixels from the middle of the image and
+    t = frame number / fps. It drives all directions, orientations and colors alike.
+
+    Args:
+        seconds, size, fps, device: see `RenderedScene`.
+        sigma: standard deviation of the envelope in pixels.
+        flicker: cycles a second of the overall brightness.
+        ring_frequency: rings a pixel.
+        ring_rate: rings a second that shrink into the middle.
+
+    Shapes:
+        frames `[T, 3, H, W]` float32 in 0..1.
+
+    Raises:
+        InputError: a `sigma` that is not positive, or what `RenderedScene` refuses.
+    """
+
+    def __init__(
+        self,
+        seconds: float,
+        size: tuple[int, int] = (100, 100),
+        fps: float = 100.0,
+        sigma: float = 25.0,
+        flicker: float = 0.5,
+        ring_frequency: float = 0.2,
+        ring_rate: float = 0.5,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        super().__init__("rings", seconds, fps, size, device)
+        check_number("sigma", sigma, above=0, unit="pixels")
+        for rate, value in (("flicker", flicker), ("ring_frequency", ring_frequency), ("ring_rate", ring_rate)):
+            check_number(rate, value)
+        self.flicker, self.ring_rate = flicker, ring_rate
+        y = torch.arange(self.size[0], dtype=torch.float64)[:, None] - (self.size[0] - 1) / 2
+        x = torch.arange(self.size[1], dtype=torch.float64) - (self.size[1] - 1) / 2
+        r = torch.hypot(x, y)
+        envelope, angle = torch.exp(-(r**2) / (2 * sigma**2)), 2 * math.pi * ring_frequency * r
+        # cos(a + b) = cos a cos b - sin a sin b: the images are computed once, a frame mixes three of them.
+        images = torch.stack([envelope, envelope * torch.cos(angle), envelope * torch.sin(angle)])
+        self._images = images.float().to(self.device)
+
+    def frames(self, start: int, stop: int) -> Tensor:
+        """Frames number `start` to `stop - 1`, `[T, 3, H, W]` float32 in 0..1."""
+        out = torch.zeros(max(0, stop - start), 3, *self.size, device=self.device)
+        envelope, cosine, sine = self._images
+        for frame, number in zip(out, range(start, stop), strict=True):
+            time = number / self.fps
+            brightness = (1 + math.sin(2 * math.pi * self.flicker * time)) / 4
+            phase = 2 * math.pi * self.ring_rate * time
+            grey = envelope + math.cos(phase) * cosine - math.sin(phase) * sine
+            # Rounding may leave a dark ring a little below zero.
+            frame[:] = (brightness * grey).clamp_(min=0.0)
+        return out
+
+
+rings = Rings
+"""The ring stimulus by its name among the scenes."""
+
+WHITE: Color = (1.0, 1.0, 1.0)
+
+
+def moving_bar(
+    direction: PerScene,
+    orientation: PerScene | None = None,
+    *,
+    color: Color = WHITE,
+    seconds: float = 4.0,
+    fluctuation: Fluctuation | None = None,
+    start: tuple[float, float] | None = None,
+    speed: float = 50.0,
+    size: tuple[int, int] = (100, 100),
+    length: float = 50.0,
+    width: float = 12.0,
+    fps: float = 100.0,
+    device: torch.device | str = "cpu",
+) -> BarScene:
+    """One bar in steady light that starts in the middle of the image, or at `start` (column, row).
+
+    Args:
+        direction: of motion in degrees counter-clockwise as seen, 0 = right; B values make B scenes.
+        orientation: in degrees counter-clockwise, 0 = long axis vertical; B values, or None for a bar that
+            moves across its long axis.
+
+    Everything else as in `two_bars`.
+
+    Returns:
+        A source of frames `[T, 3, H, W]`, or `[B, T, 3, H, W]` for B angles.
+
+    Raises:
+        InputError: angles that are not finite or do not fit each other, or what `Bar` and `BarScene` refuse.
+
+    >>> moving_bar([0.0, 90.0, 180.0]).frames(0, 4).shape
+    torch.Size([3, 4, 3, 100, 100])
+    """
+    check_size("size", size, 1)
+    at = _middle(size) if start is None else start
+    angles = pairs("direction", direction, "orientation", direction if orientation is None else orientation)
+
+    def bar(towards: float, tilt: float) -> list[Bar]:
+        return [Bar(color, towards, at, tilt, speed, length, width)]
+
+    bars = bar(*angles) if isinstance(angles, tuple) else [bar(*pair) for pair in angles]
+    return BarScene(bars, seconds, fluctuation, size, fps, "moving-bar", device)
+
+
+def static_bar(
+    orientation: PerScene,
+    color: Color = WHITE,
+    size: tuple[int, int] = (100, 100),
+    *,
+    center: tuple[float, float] | None = None,
+    length: float = 50.0,
+    width: float = 12.0,
+    device: torch.device | str = "cpu",
+) -> Tensor:
+    """One frame of a bar at rest, `[3, H, W]`, or `[B, 3, H, W]` for B orientations.
+
+    Args:
+        orientation: degrees counter-clockwise as seen, 0 = long axis vertical.
+        color: red, green and blue in 0..1.
+        size: height and width in pixels.
+        center: column and row of the bar's center; None is the middle of the image.
+        length, width: pixels.
+        device: where the frame is rendered.
+
+    Raises:
+        InputError: as `moving_bar`.
+
+    >>> static_bar(torch.tensor([0.0, 90.0])).shape
+    torch.Size([2, 3, 100, 100])
+    """
+    if center is not None:
+        check_place("center", center)
+    scene = moving_bar(
+        0.0,
+        orientation,
+        color=color,
+        seconds=1.0,
+        start=center,
+        size=size,
+        length=length,
+        width=width,
+        device=device,
+    )
+    return scene.frames(0, 1).select(-4, 0)
+
+
+def hsl_color(hue: float | Tensor, saturation: float | Tensor, lightness: float | Tensor) -> Tensor:
+    """Red, green and blue in 0..1 of a color given by hue, saturation and lightness: `[..., 3]`.
+
+    Args:
+        hue: degrees, 0 red, 120 green, 240 blue; any turn.
+        saturation, lightness: 0..1.
+
+    The three broadcast against each other.
+
+    Raises:
+        InputError: saturation or lightness outside 0..1.
+
+    >>> hsl_color(120, 1.0, 0.5)
+    tensor([0., 1., 0.])
+    """
+    given = {"hue": hue, "saturation": saturation, "lightness": lightness}
+    h, s, x = (as_numbers(name, value) for name, value in given.items())
+    for name, value in (("saturation", s), ("lightness", x)):
+        if not bool(((value >= 0) & (value <= 1)).all()):
+            raise InputError(f"{name} must lie in 0..1, got {value.min().item():g} to {value.max().item():g}")
+    # Every channel is the same trapezoid over the hue, a third of a turn apart.
+    turn = (h[..., None] / 30 + torch.tensor([0.0, 8.0, 4.0], dtype=h.dtype, device=h.device)) % 12
+    wave = torch.minimum(turn - 3, 9 - turn).clamp(-1, 1)
+    chroma = (s * torch.minimum(x, 1 - x))[..., None]
+    color: Tensor = x[..., None] - chroma * wave
+    return color.clamp(0, 1)
+
+
+def as_numbers(name: str, value: float | Tensor) -> Tensor:
+    """A number or a tensor of them, of the default type; raises `InputError` for anything else."""
+    if not isinstance(value, Tensor):
+        check_number(name, value)
+        return torch.tensor(float(value))
+    numbers = value.to(torch.get_default_dtype())
+    check_tensor(name, numbers)
+    return numbers
+
+
+def _middle(size: tuple[int, int]) -> tuple[float, float]:
+    return (size[1] - 1) / 2, (size[0] - 1) / 2

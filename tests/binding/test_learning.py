@@ -1,0 +1,289 @@
+"""Normalisation, learning rules and covariances."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from ndtorch.binding import ACTIVATIONS, BindingInputs, InhibitoryNetwork, LearningRule, learning_rule
+from ndtorch.binding.covariance import CovarianceState, RunningCovariances
+from ndtorch.binding.normalise import ORDERS, InputState, Order, divide
+from ndtorch.binding.readout.owners import signal_statistics
+from ndtorch.binding.readout.sums import SumStatistics
+from ndtorch.binding.rules import RULES, ScaleFreeRule, cube, learning_onset
+from tests.compilers import exports
+from tests.strategies import chunkings
+
+EDGES = [(0, 4), (4, 7), (7, 10)]
+
+
+def noise(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def run(module: BindingInputs, x: torch.Tensor, lengths: list[int]) -> tuple[torch.Tensor, InputState]:
+    parts, state = [], None
+    for chunk in x.split(lengths, -2):
+        (inputs, _), state = module(chunk, state)
+        parts.append(inputs)
+    assert state is not None
+    return torch.cat(parts, -2), state
+
+
+def reference(
+    sums: np.ndarray, order: str, tau: float, dt: float, window: int, floor: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs and scale, `[T, 10]` each, one number after the other."""
+    inputs, scale = np.zeros_like(sums), np.zeros_like(sums)
+    fluctuations = np.zeros_like(sums)
+    for a, b in EDGES:
+        low = None
+        for t in range(len(sums)):
+            recent = slice(max(0, t - window + 1), t + 1)
+            raw = max(sums[recent, a:b].max(), sums[0, a:b].max() if t < window else -np.inf)
+            scale[t, a:b] = raw
+            x = sums[t, a:b] / raw if order == "printed" else sums[t, a:b]
+            low = x if low is None else low + dt / (tau + dt) * (x - low)
+            fluctuations[t, a:b] = x - low
+            if order == "printed":
+                inputs[t, a:b] = fluctuations[t, a:b]
+            else:
+                divisor = max(abs(fluctuations[recent, a:b]).max(), floor * raw)
+                inputs[t, a:b] = fluctuations[t, a:b] / divisor
+    return inputs, scale
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_inputs_and_scale_are_those_of_a_loop(order: Order) -> None:
+    sums = 5 + noise(60, 10)
+    (inputs, scale), _ = BindingInputs(0.02, order, tau=0.3, window=0.4, floor=0.02)(sums)
+    expected = reference(sums.numpy(), order, 0.3, 0.02, 20, 0.02)
+    assert_allclose(inputs, expected[0], atol=1e-12)
+    assert_allclose(scale, expected[1])
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**31), scale=st.floats(1e-6, 1e6), floor=st.sampled_from([0.0, 0.01, 1.0]))
+def test_filtered_inputs_never_exceed_one(seed: int, scale: float, floor: float) -> None:
+    sums = (noise(50, 10, seed=seed).float() ** 4) * scale
+    (inputs, _), _ = BindingInputs(0.05, window=0.3, floor=floor)(sums)
+    assert inputs.abs().max() <= 1
+
+
+def test_the_largest_fluctuation_of_a_group_becomes_one() -> None:
+    sums = torch.full((2, 10), 10.0)
+    sums[1] += torch.arange(10.0)
+    (inputs, _), _ = BindingInputs()(sums)
+    assert_allclose(inputs[1], [0, 1 / 3, 2 / 3, 1, 4 / 6, 5 / 6, 1, 7 / 9, 8 / 9, 1], atol=1e-5)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_static_scene_gives_exactly_zero(order: Order) -> None:
+    (inputs, _), _ = BindingInputs(order=order)(noise(1, 10).float().expand(300, 10))
+    assert not inputs.any()
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_silent_group_stays_zero(order: Order) -> None:
+    sums = noise(30, 10)
+    sums[:, :4] = 0
+    (inputs, scale), _ = BindingInputs(order=order)(sums)
+    assert not inputs[:, :4].any()
+    assert not scale[:, :4].any()
+    assert torch.isfinite(inputs).all()
+
+
+def test_fluctuations_below_the_floor_are_not_blown_up() -> None:
+    sums = 100 + 1e-4 * noise(200, 10)
+    (quiet, _), _ = BindingInputs(floor=0.01)(sums)
+    (loud, _), _ = BindingInputs(floor=0.0)(sums)
+    assert quiet.abs().max() < 1e-4
+    assert loud.abs().max() == 1
+
+
+@settings(max_examples=15, deadline=None)
+@given(order=st.sampled_from(ORDERS), lengths=chunkings(25))
+def test_chunks_give_the_whole(order: Order, lengths: list[int]) -> None:
+    module, sums = BindingInputs(0.05, order, window=0.3), 1 + noise(2, 25, 10)
+    (whole, _), end = module(sums)
+    parts, part_end = run(module, sums, lengths)
+    assert_allclose(parts, whole, atol=1e-12)
+    for a, b in zip(part_end, end, strict=True):
+        assert_allclose(a, b, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_gradients(order: Order) -> None:
+    module = BindingInputs(0.05, order, window=0.2)
+    sums = (1 + noise(6, 10)).requires_grad_()
+    assert torch.autograd.gradcheck(lambda x: module(x)[0], (sums,))
+
+
+def test_division_by_zero_is_zero_and_has_a_gradient() -> None:
+    signals = torch.tensor([3.0, 4.0], requires_grad=True)
+    out = divide(signals, torch.tensor([0.0, 2.0]))
+    out.sum().backward()
+    assert out.tolist() == [0, 2]
+    assert signals.grad is not None
+    assert signals.grad.tolist() == [0, 0.5]
+
+
+X = torch.tensor([-0.8, 0.1, 0.5], dtype=torch.float64)
+
+
+def products(rule: LearningRule, fluctuation: torch.Tensor) -> torch.Tensor:
+    """What one time step makes of every weight."""
+    n = fluctuation.shape[-1]
+    return rule.change(fluctuation.unsqueeze(-2), torch.zeros(n), torch.zeros(n, n))
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("cube", [-0.512, 0.001, 0.125]),
+        ("tanh-pi", np.tanh(np.pi * X.numpy())),
+        ("tanh-10", np.tanh(10 * X.numpy())),
+        ("linear", X.numpy()),
+    ],
+)
+def test_activations(name: str, values: list[float]) -> None:
+    assert_allclose(ACTIVATIONS[name](X), values, rtol=1e-12)
+
+
+def test_competitive_puts_the_cube_on_the_inhibiting_neuron() -> None:
+    change = products(learning_rule("competitive"), X)
+    for n in range(3):
+        for k in range(3):
+            assert change[n, k].item() == pytest.approx(math.tanh(math.pi * float(X[n])) * float(X[k]) ** 3)
+
+
+def test_cooperative_is_the_competitive_rule_transposed() -> None:
+    assert torch.equal(products(learning_rule("cooperative"), X), products(learning_rule("competitive"), X).mT)
+
+
+@pytest.mark.parametrize("f", ["cube", "linear"])
+def test_hebbian_is_the_product_whatever_f_and_g_are(f: str) -> None:
+    assert_allclose(products(learning_rule("hebbian", f=f, g="tanh-10"), X), np.outer(X, X))
+
+
+def test_change_of_several_steps_is_their_mean() -> None:
+    rule, high = learning_rule("competitive"), torch.rand(4, 3, dtype=torch.float64)
+    mean = sum(products(rule, x) for x in high) / 4
+    assert_allclose(rule.change(high, torch.zeros(3), torch.zeros(3, 3), 4), mean, rtol=1e-12)
+    # Two steps of two fields: the fields are summed.
+    assert_allclose(rule.change(high, torch.zeros(3), torch.zeros(3, 3), 2), 2 * mean, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "tau", "mu"),
+    [(-1, 2, 0), (0, 2, 0), (2, 2, 1 - 1 / math.e), (200, 2, 1), (0, 0, 0), (1e-9, 0, 1), (1, math.inf, 0)],
+)
+def test_onset(seconds: float, tau: float, mu: float) -> None:
+    assert float(learning_onset(torch.tensor(seconds, dtype=torch.float64), tau)) == pytest.approx(mu)
+
+
+def test_the_gate_lets_the_stronger_inhibit_the_weaker() -> None:
+    rule = ScaleFreeRule()
+    change = rule.change(torch.ones(1, 2), torch.tensor([1.0, 16.0]), torch.zeros(2, 2))
+    # s = 1 and 4: c[0, 1] = 256 / 257 over s_1^2 = 16, c[1, 0] = 1 / 257 over 1.
+    assert_allclose(change[0, 1], 256 / 257 / 16, rtol=1e-6)
+    assert_allclose(change[1, 0], 1 / 257, rtol=1e-5)
+
+
+def test_the_rate_falls_from_a_fast_start() -> None:
+    rule = ScaleFreeRule()
+    got = rule.rate(torch.tensor([-1.0, 0.0, 4.0, 100.0], dtype=torch.float64))
+    assert_allclose(got, [0, 0, 0.2 * (1 + 15 * math.exp(-1)), 0.2], rtol=1e-6)
+
+
+def test_a_rule_of_ones_own_has_a_name_like_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(RULES, "sign", lambda **constants: LearningRule(torch.sign, cube, "sign", **constants))
+    network = InhibitoryNetwork(2, rule="sign", settle=0.0)
+    assert network.constants.rule.name == "sign"
+    _, state = network(torch.randn(50, 2, generator=torch.Generator().manual_seed(0)))
+    assert state.weights.any()
+
+
+def test_the_cooperative_rule_stays_finite_on_white_noise() -> None:
+    """Its weights become nearly triangular there: then the spectral radius says nothing about their size."""
+    noise = torch.randn(400, 10, generator=torch.Generator().manual_seed(0))
+    outputs, state = InhibitoryNetwork(10, 0.01, "cooperative", settle=0.5)(noise)
+    assert torch.isfinite(outputs).all()
+    assert state.weights.max() > 0.5
+
+
+def noisy(length: int, signals: int) -> torch.Tensor:
+    return torch.randn(length, signals, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+
+
+@settings(max_examples=10, deadline=None)
+@given(lengths=chunkings(230))
+def test_statistics_do_not_depend_on_chunks(lengths: list[int]) -> None:
+    signals = noisy(230, 10)
+    for module in (signal_statistics(), SumStatistics().scene, SumStatistics().all):
+        state: Any = None
+        for chunk in torch.split(signals, lengths):
+            state = module(chunk, state)
+        for one, other in zip(state, module(signals), strict=True):
+            assert torch.equal(one, other)
+
+
+def test_they_are_the_weighted_means_in_every_memory_at_every_delay() -> None:
+    # Whole tenths of a second count: the last five samples have to wait.
+    signals = noisy(65, 2)
+    module = RunningCovariances(0.01, (0.5, 2.0), (0.0, 0.03), tau_high=math.inf, differences=True)
+    state = module(signals)
+    past = torch.cat([torch.zeros(3, 2, dtype=torch.float64), signals])
+    for m, tau in enumerate((0.5, 2.0)):
+        a = 0.01 / (tau + 0.01)
+        share = [a * (1 - a) ** (59 - n) for n in range(60)]
+        for k, lag in enumerate((0, 3)):
+            products = [share[n] * torch.outer(signals[n], past[n + 3 - lag]) for n in range(60)]
+            expected = torch.stack(products).sum(0)
+            assert_allclose(state.covariances[m, k], (expected + expected.mT) / 2, atol=1e-12)
+        changes = [signals[n] - past[n + 2] for n in range(60)]
+        expected = torch.stack([share[n] * torch.outer(changes[n], changes[n]) for n in range(60)]).sum(0)
+        assert_allclose(state.differences[m], expected, atol=1e-12)
+
+
+class Exported(torch.nn.Module):
+    def __init__(self, module: RunningCovariances) -> None:
+        super().__init__()
+        self.module = module
+
+    def forward(self, signals: torch.Tensor, *state: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        return tuple(part.clone() for part in self.module(signals, CovarianceState(*state)))
+
+
+@pytest.mark.parametrize(
+    "module", [signal_statistics(), RunningCovariances(0.01, (3.0, 9.0), (0.01, 0.2), pieces=2, piece=0.2)]
+)
+@exports
+def test_a_program_goes_on_wherever_a_chunk_begins(module: Any) -> None:
+    # Seven samples a chunk against blocks of ten: chunks with no, and with one whole block.
+    chunks = torch.split(noisy(70, 3), 7)
+    state: Any = module(chunks[0])
+    program = torch.export.export(Exported(module), (chunks[1], *state)).module()
+    kept = tuple(state)
+    for chunk in chunks[1:]:
+        state, kept = module(chunk, state), program(chunk, *kept)
+        for one, other in zip(kept, state, strict=True):
+            assert one.shape == other.shape
+            assert_allclose(one, other, atol=1e-12)
+
+
+def test_pieces_are_the_means_of_each_stretch_of_time() -> None:
+    # Pieces of two updates of ten samples, of which the latest two are kept; the last five samples have to wait.
+    signals = noisy(75, 2)
+    state = RunningCovariances(0.01, (1.0,), (0.0,), tau_high=math.inf, pieces=2, piece=0.2)(signals)
+    assert state.held.tolist() == [2, 1]
+    for n, (start, stop) in enumerate(((40, 60), (60, 70))):
+        part = signals[start:stop]
+        assert_allclose(state.pieces[n, 0] / state.held[n], part.T @ part / len(part), atol=1e-12)

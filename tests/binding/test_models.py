@@ -1,0 +1,229 @@
+"""What every model keeps where, and what it refuses at its edge, in one line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+import ndtorch
+from ndtorch.binding import ObjectFiles, RetinotopicModel
+from ndtorch.errors import InputError
+from ndtorch.scenes import equal_bars
+from ndtorch.vision import LocalFeatures, VisualFeatures
+
+NAMES = ("published", "scale-free", "retinotopic")
+
+
+def held(thing: Any, place: str, seen: dict[int, Any]) -> Iterator[tuple[str, Tensor]]:
+    """Every tensor that can be reached from a thing, however it is kept there, and where."""
+    if id(thing) in seen:
+        return
+    seen[id(thing)] = thing
+    if isinstance(thing, Tensor):
+        yield place, thing
+        return
+    parts: dict[Any, Any] = {}
+    if isinstance(thing, dict):
+        parts = thing
+    elif isinstance(thing, tuple | list | set | frozenset):
+        parts = dict(enumerate(thing))
+    elif not isinstance(thing, type):
+        closure = getattr(thing, "__closure__", None) or ()
+        parts = {**getattr(thing, "__dict__", {}), **{n: cell.cell_contents for n, cell in enumerate(closure)}}
+    for name, part in parts.items():
+        yield from held(part, f"{place}.{name}", seen)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_all_fixed_tensors_are_buffers(name: str) -> None:
+    """Also those that a forward has made and kept: none of them is left behind where a model moves."""
+    model = ndtorch.load(name, size=32)
+    model(torch.rand(30, 3, 32, 32, generator=torch.Generator().manual_seed(0)))
+    known = {id(tensor) for tensor in model.buffers()}
+    assert [place for place, tensor in held(model, name, {}) if id(tensor) not in known] == []
+    assert len(known) > 3
+    assert {tensor.device.type for tensor in model.to("meta").buffers()} == {"meta"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_floats_of_0_to_255_are_refused(name: str) -> None:
+    model = ndtorch.load(name, size=32)
+    frames = 255 * torch.rand(4, 3, 32, 32, generator=torch.Generator().manual_seed(0))
+    with pytest.raises(InputError, match=r"frames of floats must lie in 0\.\.1, got .*divide by 255"):
+        model(frames)
+    model(frames.to(torch.uint8))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_other_types_than_single_and_double_are_refused_through_every_door(name: str) -> None:
+    model = ndtorch.load(name, size=32)
+    around, half = nn.Sequential(model), torch.zeros(1).half()
+    for convert in (
+        *(model.half, model.bfloat16, around.half, around.bfloat16),
+        *(lambda: model.to(torch.float16), lambda: model.to(dtype=torch.bfloat16), lambda: model.to(half)),
+        *(lambda: model.type(torch.float16), lambda: around.type(torch.int32), lambda: around.type(torch.complex64)),
+    ):
+        with pytest.raises(InputError, match="computes in single or double precision"):
+            convert()
+    assert model.double().float().dtype == torch.float32
+
+
+@pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("name", [*NAMES, "foreground"])
+def test_a_picture_gives_the_same_numbers_in_every_type(name: str, double: bool) -> None:
+    quick = {} if name in ("foreground", "retinotopic") else {"settle": 0.0}
+    model = ndtorch.load(name, size=48, fps=30, **quick)
+    model = model.double() if double else model
+    drawn = torch.randint(0, 256, (24, 3, 48, 48), generator=torch.Generator().manual_seed(0)).to(torch.uint8)
+    wanted, after = model(drawn)
+    for frames in (drawn.double() / 255, drawn.float() / 255):
+        given, end = model(frames)
+        assert torch.equal(given.outputs, wanted.outputs)
+        assert torch.equal(model.weights(end), model.weights(after))
+    finer = torch.rand(4, 3, 48, 48, generator=torch.Generator().manual_seed(1), dtype=torch.float32)
+    assert torch.equal(model(finer)[0].outputs, model(finer.double())[0].outputs)
+    for other in (torch.float16, torch.bfloat16, torch.int64, torch.bool):
+        with pytest.raises(InputError, match="frames must be float32 or float64"):
+            model(drawn.to(other))
+
+
+BARS = torch.zeros(2, 10)
+BARS[0, [1, 2, 4, 6, 7]] = torch.tensor([1.0, 0.6, 0.7, 0.7, 0.9])
+BARS[1, [0, 2, 4, 5, 8]] = torch.tensor([1.0, 0.6, 0.7, 0.7, 0.9])
+
+
+def two_things(seconds: float, fps: float = 100.0, rates: tuple[float, float] = (0.87, 1.31)) -> torch.Tensor:
+    """Sums of two bars that fluctuate at their own rates, `[T, 10]`."""
+    t = torch.arange(round(seconds * fps)) / fps
+    light = torch.stack([1 + 0.5 * torch.sin(2 * math.pi * rate * t + 2.1 * n) for n, rate in enumerate(rates)], -1)
+    return 100 * light @ BARS
+
+
+READOUTS = ["owners", "sums"]
+
+
+@pytest.mark.parametrize("readout", READOUTS)
+@pytest.mark.parametrize("fps", [12.5, 30.0, 100.0])
+def test_two_things_are_two_objects_at_any_rate(readout: str, fps: float) -> None:
+    model = ndtorch.load("scale-free", size=(12, 14), fps=fps, readout=readout)
+    _, state = model.from_sums(two_things(20, fps))
+    found = model.objects(state)
+    assert len(found) == 2
+    colors = [{name for name in thing.features if name in ("red", "green", "blue")} for thing in found]
+    assert sorted(map(sorted, colors)) == [["green"], ["red"]]
+    by_color = {next(iter(c)): set(thing.features) for c, thing in zip(colors, found, strict=True)}
+    assert "right" in by_color["red"] - by_color["green"]
+    assert "left" in by_color["green"] - by_color["red"]
+
+
+def test_a_constant_scene_has_no_objects() -> None:
+    model = ndtorch.load("scale-free", size=(12, 14))
+    _, state = model.from_sums(100 * torch.rand(1, 10, generator=torch.Generator().manual_seed(0)).expand(500, 10))
+    assert model.verdict(state) == "static"
+    assert model.objects(state) == []
+    assert not model.second.table(state.second).owners.any()
+
+
+def test_white_noise_has_no_objects() -> None:
+    noise = torch.randn(1500, 10, generator=torch.Generator().manual_seed(0))
+    model = ndtorch.load("scale-free", size=(12, 14))
+    assert model.objects(model.from_sums(100 + noise)[1]) == []
+
+
+@pytest.mark.parametrize("readout", READOUTS)
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_lamp_alone_is_no_object(moving: bool, readout: str) -> None:
+    """Light that changes everywhere drives all colors and orientations alike, and the detectors every way alike."""
+    generator = torch.Generator().manual_seed(0)
+    light = 1 + 0.3 * torch.sin(2 * math.pi * 0.7 * torch.arange(1500) / 100)
+    sums = 100 * light[:, None] * (0.9 + 0.2 * torch.rand(10, generator=generator))
+    if moving:
+        sums[:, :4] = 5 * (light - 1).square()[:, None]
+    else:
+        sums[:, :4] = 0.0
+    sums = sums + 0.1 * torch.randn(1500, 10, generator=generator).abs()
+    model = ndtorch.load("scale-free", size=(12, 14), readout=readout)
+    assert model.objects(model.from_sums(sums)[1]) == []
+
+
+@pytest.mark.parametrize("readout", READOUTS)
+def test_smooth_noise_on_every_sum_has_no_objects(readout: str) -> None:
+    noise, low, rows = torch.randn(1500, 10, generator=torch.Generator().manual_seed(1)), torch.zeros(10), []
+    for row in noise:
+        low = torch.lerp(low, row, 0.03)
+        rows.append(low)
+    smooth = torch.stack(rows)
+    model = ndtorch.load("scale-free", size=(12, 14), readout=readout)
+    assert model.objects(model.from_sums(100 + 10 * smooth / smooth.std())[1]) == []
+
+
+SIZE = (64, 64)
+
+
+def model() -> RetinotopicModel:
+    loaded = ndtorch.load("retinotopic", size=SIZE, along=8)
+    assert isinstance(loaded, RetinotopicModel)
+    return loaded
+
+
+def noise(*shape: int) -> torch.Tensor:
+    return torch.rand(*shape, 3, *SIZE, generator=torch.Generator().manual_seed(0))
+
+
+def test_signals_are_those_of_the_parts_in_a_row() -> None:
+    frames, module = noise(12), model()
+    signals, state = module(frames)
+    eyes = LocalFeatures(VisualFeatures(SIZE), 8)
+    fields, _ = eyes(frames)
+    number, end = ObjectFiles((8, 8), 8.0)(fields)
+    assert torch.equal(signals.fields, fields)
+    assert torch.equal(signals.number, number)
+    assert torch.equal(state.windows.place, end.place)
+    assert signals.outputs.shape == (12, 8, 8, 10)
+    assert signals.time.tolist() == pytest.approx([0.01 * n for n in range(12)])
+
+
+def test_a_batch_is_that_many_trials() -> None:
+    module, frames = model(), noise(2, 6)
+    _, state = module(frames)
+    assert module.objects_batch(state) == [[], []]
+    assert module.verdict(state) == ["learning", "learning"]
+    assert module.verdict(module(torch.zeros(2, 3, 3, *SIZE))[1]) == ["static", "static"]
+
+
+def test_an_object_says_when_it_was_seen() -> None:
+    module = model()
+    signals, state = module(noise(12))
+    windows = state.windows
+    one = torch.zeros_like(windows.open)
+    one[3] = True
+    age = module.config.tracking.confirm + 0.04
+    state = state._replace(windows=windows._replace(open=one, age=age * one.float(), unseen=0.03 * one.float()))
+    (thing,) = module.objects(state)
+    now = float(signals.time[-1])
+    assert thing.track == 3
+    assert thing.last_seen == pytest.approx(now - 0.03)
+    assert thing.first_seen == pytest.approx(now - age)
+
+
+@pytest.mark.slow
+def test_three_equal_bars_are_three_objects() -> None:
+    """Claim C8 [C §5.5.2]: wide-field sums see one object, fields see three."""
+    module, state = ndtorch.load("retinotopic"), None
+    with torch.inference_mode():
+        for frames in equal_bars(seconds=8).chunks(8):
+            _, state = module(frames, state)
+    found = module.objects(state)
+    assert len(found) == 3
+    assert len({frozenset(thing.features) for thing in found}) == 1
+    assert module.verdict(state) == "stable"
+    for thing in found:
+        assert thing.place is not None
+        assert all(0 <= at <= 500 for at in thing.place)
+        assert 0 <= thing.first_seen < 3 < 7 < thing.last_seen < 8
+    assert module.visible_objects(state) != []

@@ -1,0 +1,309 @@
+"""Cells of floor: where they look, what they learn, and what they take for the end of the floor."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.navigation import CRUISE, REVERSE, TURN, Command, Pose, RangingParams, Rect, StereoRig
+from ndtorch.navigation.controllers.ranging._kernels_floor import FloorState, floor_step, illumination_gain
+from ndtorch.navigation.controllers.ranging.control import RangingControl
+from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
+from ndtorch.navigation.controllers.ranging.tables import floor_numbers, grid_numbers
+from ndtorch.navigation.local_grid._kernels import add_ranges, bound, costs
+from ndtorch.navigation.local_grid.grid import cells_at, empty_grid
+from ndtorch.navigation.odometry import arc
+from ndtorch.navigation.stereo.strips import as_frames
+from ndtorch.vision.nondirectional import NDMin
+from tests.navigation.controllers.test_ranging import cells_of, open_floor, ranges_of, seen_from
+from tests.navigation.test_proximity import pair
+
+DT = 1 / 30
+RIG = StereoRig(forward=0.15)
+PARAMS = FloorParams()
+VIEW = floor_view(RIG, PARAMS)
+NUMBERS = floor_numbers(RIG, RangingParams(), VIEW, DT)
+BANDS, BLOCKS = PARAMS.bands, PARAMS.blocks
+LEVEL = 0.18
+
+
+class Seen(NamedTuple):
+    """Cells `[2, BANDS, BLOCKS]` that were seen free, and at which the floor ends."""
+
+    free: np.ndarray
+    ends: np.ndarray
+
+
+def outputs(speed=0.5, curvature=0.0, level=LEVEL):
+    """What floor gives in every cell, by the formula: image speed in pixels a step, then saturation."""
+    down = 430 * 0.2 / VIEW.depth.numpy() ** 2 * speed * DT
+    flow = np.hypot(down, 430 * speed * curvature * DT)
+    return np.tile((level * (1 - np.exp(-flow / 1.2)))[:, None], (2, 1, BLOCKS)).astype(np.float32)
+
+
+def step(cells, state, speed=0.5, curvature=0.0):
+    """What is seen in cells `[2, BANDS, BLOCKS]`, or with what both cameras see `[4, BANDS, BLOCKS]`."""
+    marks = np.empty((2, BANDS, BLOCKS), np.float32)
+    after = floor_step(np.asarray(cells, np.float32), (speed, curvature), state, NUMBERS, marks)
+    assert set(np.unique(marks)) <= {-0.5, 0.0, 1.0}
+    return Seen(marks < 0, marks > 0), after
+
+
+def learned(level=LEVEL, noise=0.0):
+    return FloorState(np.full(BANDS, level, np.float32), noise, 100)
+
+
+def test_the_cells_lie_where_their_pixels_see_the_floor():
+    assert VIEW.cells == (Rect(302, 372, 80, 400), Rect(302, 372, 240, 560))
+    assert VIEW.rects == (Rect(302, 372, 80, 640), Rect(302, 372, 0, 560))
+    # The middle of the nearest band is row 369, 129.5 pixels below the middle of the image: 86 / 129.5 m.
+    assert float(VIEW.depth[0]) == pytest.approx(86 / 129.5, rel=1e-6)
+    assert float(VIEW.depth[-1]) == pytest.approx(86 / 64.5, rel=1e-6)
+    # The outermost block of the left image is centered at column 99.5, 220 pixels to the left of the middle.
+    assert float(VIEW.x[0, 0, 0]) == pytest.approx(0.15 + 86 / 129.5, rel=1e-6)
+    assert float(VIEW.y[0, 0, 0]) == pytest.approx(0.15 + 86 / 129.5 * 220 / 430, rel=1e-5)
+    torch.testing.assert_close(VIEW.y[1], -VIEW.y[0])
+    # Both subfields see the floor ahead of the car.
+    assert float(VIEW.y[0].min()) < -0.03
+
+
+def test_motion_of_the_cells_against_its_definition():
+    generator = torch.Generator().manual_seed(1)
+    left, right = torch.rand(2, 3, 3, 480, 640, generator=generator)
+    control, state, cells = RangingControl(RIG, DT), None, []
+    for eyes in zip(left, right, strict=True):
+        seen, state = control.see(as_frames(*eyes), state)
+        cells.append(seen)
+    cells = np.stack(cells)
+    assert cells.shape == (3, 4, BANDS, BLOCKS)
+    assert (cells[0, :2] == 0).all()
+    for image, rect, k in ((left, VIEW.cells[0], 0), (right, VIEW.cells[1], 1)):
+        motion, _ = NDMin(0.005, DT)(image.mean(-3, keepdim=True))
+        for band, block in ((0, 0), (3, 5), (13, 7)):
+            column = rect.left + 40 * block if k == 0 else rect.right - 40 * (block + 1)
+            rows = slice(rect.bottom - 5 * (band + 1), rect.bottom - 5 * band)
+            # Every second column of the subfield is read.
+            pixels = motion[:, 0, rows, column : column + 40 : 2]
+            wanted = 20 * pixels.abs().amax((-2, -1))
+            # Light that all cells share is taken out: random frames have next to none.
+            assert cells[:, k, band, block] == pytest.approx(wanted.numpy(), rel=0.02)
+
+
+@pytest.mark.parametrize("speed", [0.5, -0.3])
+@pytest.mark.parametrize("curvature", [0.0, 2.0])
+def test_floor_is_free_at_any_speed(speed, curvature):
+    seen, _ = step(outputs(abs(speed), curvature), learned(), speed, curvature)
+    assert (seen.free == 1).all()
+    assert (seen.ends == 0).all()
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.3, 4.0])
+def test_a_cell_that_is_not_floor_ends_its_block(factor):
+    cells = outputs()
+    cells[0, 5, 2] *= factor
+    seen, _ = step(cells, learned())
+    assert np.argwhere(seen.ends).tolist() == [[0, 5, 2]]
+    assert seen.free[0, :, 2].tolist() == [True] * 5 + [False] * 9
+    assert seen.free.sum() == 2 * BANDS * BLOCKS - 9
+
+
+def test_nothing_is_said_while_standing_or_below_the_noise():
+    for seen, _ in (step(outputs(0.0), learned(), 0.0), step(outputs(), learned(noise=0.1))):
+        assert seen.free.sum() == seen.ends.sum() == 0
+    # Far floor drowns in noise before near floor does.
+    seen, _ = step(outputs(), learned(noise=0.03))
+    known = seen.free[0, :, 0].tolist()
+    assert known == sorted(known, reverse=True)
+    assert 0 < sum(known) < BANDS
+
+
+@pytest.mark.parametrize("level", [0.05, 0.4])
+def test_learns_its_floor_at_the_start(level):
+    """A blank wall fills the right quarter of the view meanwhile."""
+    state = FloorState(np.zeros(BANDS, np.float32), 0.0, 0)
+    for n in range(15):
+        speed = 0.0 if n < 3 else 0.5
+        cells = outputs(speed, level=level)
+        cells[1, :, :4] = 0.0
+        seen, state = step(cells, state, speed)
+        assert not (seen.free | seen.ends).any()
+    assert float(state.level[0]) == pytest.approx(level, rel=0.2)
+    seen, _ = step(outputs(level=level), state)
+    assert (seen.free == 1).all()
+
+
+DEPTH = VIEW.depth.numpy()
+
+
+def both_eyes(frames):
+    """What both see in every cell, `[2, bands, blocks]`."""
+    cells, _ = RangingControl(RIG, DT).see(as_frames(*(eye[0] for eye in frames)))
+    return cells[2:]
+
+
+def test_floor_is_one_and_only_the_outermost_blocks_are_seen_by_one_eye():
+    seen = both_eyes(pair(3.0))
+    assert (seen[..., 0] == -1).all()
+    assert (seen[..., 3:] >= 0).all()
+    # The left camera is 0.3 m to the left: of block 1 the right one sees what is far.
+    assert (seen[:, 0, 1] == -1).all()
+    assert (seen[:, -1, 1] == 1).all()
+    assert float((seen[seen >= 0] == 1).mean()) > 0.97
+
+
+@pytest.mark.parametrize("wall", [0.8, 1.0, 1.2])
+def test_a_wall_is_not(wall):
+    seen = both_eyes(pair(wall))
+    before, behind = wall - 0.1 > DEPTH, wall + 0.06 < DEPTH
+    judged = seen >= 0
+    assert float((seen[:, before] == 1).sum() / judged[:, before].sum()) > 0.95
+    assert float((seen[:, behind] == 1).sum() / judged[:, behind].sum()) < 0.06
+    # A painted wall is none either, and a blank one cannot be told from anything.
+    assert float((both_eyes(pair(wall, paint=0.0))[:, behind] == 1).sum()) == 0
+
+
+def match_step(motion, both):
+    return step(np.concatenate((motion, both)), learned(0.2))
+
+
+def moving_floor():
+    return outputs(level=0.2)
+
+
+def test_a_line_is_no_end_where_floor_goes_on_behind_it():
+    motion, both = moving_floor(), np.ones((2, BANDS, BLOCKS))
+    motion[:, 6] *= 5
+    both[:, :, 0] = -1
+    seen, after = match_step(motion, both)
+    assert seen.ends.sum() == 0
+    assert (seen.free[:, :, 1:] == 1).all()
+    # What only one eye sees is passed over where that eye takes a line for an end, but not called free.
+    assert (seen.free[:, 6, 0] == 0).all()
+    assert (seen.free[:, 7:, 0] == 1).all()
+    assert float(after.level[6]) == pytest.approx(0.2)  # the line does not teach what floor looks like
+
+
+def test_what_stands_and_moves_like_floor_ends_it():
+    """A pole straight ahead hides all floor behind it; a patch that looks odd does not."""
+    motion, both = moving_floor(), np.ones((2, BANDS, BLOCKS))
+    both[0, 6:, 5] = 0
+    both[0, 6:8, 4] = 0
+    both[1, -2:, 5] = 0
+    seen, _ = match_step(motion, both)
+    assert seen.ends[0, 6, 5] == 1
+    assert (seen.free[0, :6, 5] == 1).all()
+    assert (seen.free[0, 6:, 5] == 0).all()
+    # Floor is seen behind it; too little of it is seen yet.
+    assert seen.ends.sum() == 1
+    # What one eye sees stays as it is.
+    both[0, :, 5] = -1
+    assert match_step(motion, both)[0].ends.sum() == 0
+
+
+SMALL_RIG, FRAME = StereoRig(forward=0.15), 1 / 30
+CONTROL = RangingControl(SMALL_RIG, FRAME)
+
+
+def cells():
+    """Grey images of 14 bands by 8 blocks, a texture."""
+    return (0.3 + 0.4 * np.random.default_rng(0).random(CONTROL.shape)).astype(np.float32)
+
+
+@pytest.mark.parametrize("gain", [0.83, 0.97, 1.1, 1.9])
+def test_the_gain_is_what_all_cells_share(gain):
+    before = cells()
+    now = before * np.float32(gain)
+    assert illumination_gain(now, before, CONTROL.numbers) == pytest.approx(gain, rel=1e-5)
+    # What fills less than half of the cells does not matter.
+    now[0, :, :120] = 0.9
+    assert illumination_gain(now, before, CONTROL.numbers) == pytest.approx(gain, rel=1e-5)
+
+
+def test_a_standing_car_sees_no_motion_where_the_light_flickers():
+    """Before a wall 1 m ahead."""
+    state, seen = None, []
+    for gain in (0.8, 0.9, 0.75, 0.85):
+        eyes = [(eye[0].double() * gain).round().to(torch.uint8) for eye in pair(1.0)]
+        found, state = CONTROL.see(as_frames(*eyes), state)
+        seen.append(found[:2])
+    # 0.1 of the brightness of the frame would give 0.1 x 0.13 x 20 times it, some 0.1.
+    assert float(np.max(seen[1:])) < 0.025
+    assert float(np.max(seen)) > 0  # the levels are rounded
+
+
+HERE = Pose(0.0, 0.0, 0.0)
+OVERHANG = RangingParams(overhangs=True)
+
+
+def ranged(*places):
+    return ranges_of(np.array(places).T)
+
+
+def cell(x, y):
+    return cells_at(tuple(HERE), [x], [y], OVERHANG.grid)[0]
+
+
+def worth(grid, x, y):
+    return float(grid.raised.reshape(-1)[cell(x, y)])
+
+
+def with_ranges(grid, *places):
+    numbers, raised = grid_numbers(RIG, OVERHANG, DT, 0.0), grid.raised.copy()
+    there = ranged(*places)
+    add_ranges(raised, (there.x, there.y, there.valid), tuple(HERE), numbers, numbers.range_weight, numbers.miss)
+    bound(raised, -numbers.least, numbers.most)
+    return grid._replace(raised=raised)
+
+
+def test_a_range_counts_and_one_behind_it_takes_it_away():
+    grid, here = empty_grid(0.0, 0.0, OVERHANG.grid, raised=True), cell(1.2, 0.15)
+    for _ in range(3):
+        grid = with_ranges(grid, (1.2, 0.15))
+    assert worth(grid, 1.2, 0.15) == pytest.approx(3.0)
+    assert worth(grid, 0.7, 0.15) < 0
+    assert costs(grid, 1.9).reshape(-1)[here] == pytest.approx(1.9)
+    for _ in range(10):
+        grid = with_ranges(grid, (2.0, 0.15))
+    assert worth(grid, 1.2, 0.15) < 1.9
+    assert costs(grid, 1.9).reshape(-1)[here] == 0.0
+
+
+def driven(overhangs, frames=150):
+    """A car on open floor, 2.5 m before a board across its path with air below it, which is ranged in a few frames."""
+    control = RangingControl(RIG, DT, RangingParams(overhangs=overhangs))
+    pose, command, modes = HERE, Command(0.0, 0.0), []
+    state = control.start(None, pose)
+    for n in range(frames):
+        x, y = seen_from(pose, np.stack((np.full(8, 2.5), np.linspace(-0.5, 0.5, 8))))
+        there = ranges_of((x, y), (x > 2.0) & (x < 2.06))
+        cells = cells_of(open_floor(pose, n), command.speed)
+        command, state = control.step(cells, there, pose, command, state)
+        modes.append(control.mode(state))
+        pose = arc(pose, *command, DT)
+    return pose.x, modes
+
+
+def test_floor_below_a_board_does_not_free_it():
+    away, modes = driven(overhangs=True)
+    assert TURN in modes
+    assert away < 2.5
+    through, modes = driven(overhangs=False)
+    assert set(modes[20:]) == {CRUISE}
+    assert REVERSE not in modes
+    assert through > 2.0
+
+
+def test_it_looks_ahead_every_so_often_and_near_in_turns_alone():
+    control = RangingControl(RIG, DT)
+    state = control.start(None, HERE)
+    turning = state._replace(mode=TURN)
+    looks = [control.sensing_requests(turning._replace(age=age)) for age in range(20)]
+    assert [age for age, look in enumerate(looks) if look.ahead] == [0, 5, 10, 15]
+    # Not both in one step, unless every step has one.
+    assert [age for age, look in enumerate(looks) if look.near] == [2, 7, 12, 17]
+    assert RangingControl(RIG, 0.2).sensing_requests(turning) == (True, True)
+    for mode in (CRUISE, REVERSE):
+        driving = [state._replace(mode=mode, age=age) for age in (5, 7)]
+        assert [tuple(control.sensing_requests(each)) for each in driving] == [(True, False), (False, False)]
+    assert not any(RangingControl(RIG, DT, RangingParams(overhangs=False)).sensing_requests(turning))

@@ -1,0 +1,312 @@
+"""Walking through a car, and driving it: what is asked, and what is said of it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ndtorch_robot.car
+from ndtorch.cli.commands import main
+from ndtorch.errors import InputError
+from ndtorch.utils import workers
+from ndtorch.utils.packages import toml_file
+from ndtorch.utils.toml import read_toml
+from ndtorch_robot.barn.attempts import Attempt, Entry
+from ndtorch_robot.commands import barn
+from ndtorch_robot.commands.check import Check
+from ndtorch_robot.commands.run import with_disturbance, world
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import check_goal
+from ndtorch_robot.run_config import RunConfig
+from ndtorch_robot.sim.arenas import load_arena
+from tests.robot.barn.test_barn import FILE as TWO_WORLDS
+
+SUMMARY = {"steps": 3, "late": 0, "faults": [], "standing": None}
+
+
+class Car:
+    """A car that is told for how long it is to drive, and does not."""
+
+    def __init__(self) -> None:
+        self.safe, self.ended, self.observers = SimpleNamespace(), threading.Event(), []
+        self.runner, self.cameras = SimpleNamespace(configuration=dict), SimpleNamespace()
+        self.asked: list[float | None] = []
+        self.go = False
+
+    def run(self, seconds: float | None) -> None:
+        self.asked.append(seconds)
+
+    def summary(self) -> dict[str, object]:
+        return dict(SUMMARY)
+
+
+@pytest.fixture
+def car(monkeypatch: pytest.MonkeyPatch) -> Car:
+    made = Car()
+
+    @contextlib.contextmanager
+    def opened(config: RunConfig, report: Any, go: bool) -> Iterator[Car]:
+        made.go = go
+        yield made
+
+    monkeypatch.setattr("ndtorch_robot.run.open_car", opened)
+    monkeypatch.setattr("ndtorch_robot.run.real_time_priority", lambda report: None)
+    monkeypatch.setattr("ndtorch_robot.emergency.emergency_stops", lambda *_: contextlib.nullcontext())
+    return made
+
+
+def test_the_summary_is_one_object_or_one_line_each(car: Car, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "sim", "--seconds", "2", "--go", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out) == SUMMARY
+    assert "ready; " in err
+    assert (car.asked, car.go) == ([2.0], True)
+    assert main(["run", "sim"]) == 0
+    assert capsys.readouterr().out.splitlines() == [f"{key}: {value}" for key, value in SUMMARY.items()]
+    assert (car.asked[-1], car.go) == (None, False)
+
+
+def test_a_disturbance_goes_into_the_simulated_world() -> None:
+    config = read_toml(toml_file(Path("sim"), "ndtorch_robot", "configs"), RunConfig)
+    assert config.simulation is not None
+    changed = with_disturbance(config, "noise")
+    assert changed.simulation is not None
+    assert (changed.simulation.disturbance, config.simulation.disturbance) == ("noise", "")
+    with pytest.raises(InputError, match="this car has cameras"):
+        with_disturbance(read_toml(toml_file(Path("maxstone8"), "ndtorch_robot", "configs"), RunConfig), "noise")
+
+
+def test_cameras_know_nothing_of_collisions(car: Car) -> None:
+    assert world(car) == {}  # type: ignore[arg-type]
+
+
+class Closed:
+    closed = False
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture
+def drive(monkeypatch: pytest.MonkeyPatch) -> Closed:
+    """A link on which the directions are wrong twice, and all else is right."""
+    made = Closed()
+    monkeypatch.setattr("ndtorch_robot.link.open_link", lambda *_: made)
+    monkeypatch.setattr("ndtorch_robot.safety.SafeDrive", lambda *_, **__: None)
+    monkeypatch.setattr("ndtorch_robot.run.make_simulation", lambda config: None)
+    monkeypatch.setattr(Check, "cameras", lambda *_: (True, True))
+    monkeypatch.setattr(Check, "link", lambda *_: True)
+    monkeypatch.setattr(Check, "directions", lambda *_: 2)
+    monkeypatch.setattr(Check, "emergency", lambda *_: 0)
+    return made
+
+
+def test_json_tells_the_points_and_nothing_else(drive: Closed, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "sim", "--yes", "--json"]) == 1
+    out, err = capsys.readouterr()
+    right = {"cameras": True, "floor": True, "link": True, "directions": False, "emergency_stop": True}
+    assert json.loads(out) == right | {"not_right": 2}
+    assert "Are all wheels off the ground? yes" in err
+    assert drive.closed
+
+
+def test_the_end_of_the_input_is_a_no(
+    drive: Closed, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended() -> str:
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", ended)
+    assert main(["check", "sim"]) == 1
+    out, err = capsys.readouterr()
+    assert "Are all wheels off the ground? [y/n]" in out
+    assert err == "put the car on a block first\n"
+    assert drive.closed
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
+def test_the_firmware_passes(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """In simulated time: directions, speeds and the emergency stop of the board's own code."""
+    assert main(["check", "sim", "--yes", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["not_right"] == 0
+
+
+MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
+PICTURES = ["map.png", "path.png", "rows.png", "speeds.png"]
+FILES = [*MAPS, "path.png", "report.html", "rows.png", "speeds.png", "summary.json"]
+KEYS = {
+    *("collisions", "stopped", "simulated_seconds", "wall_seconds", "distance_m", "turns"),
+    *("step_ms", "map", "arena", "seed", "controller"),
+}
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Without pictures, for tests of something else: drawing them takes longer than a short drive."""
+    monkeypatch.setattr("ndtorch_robot.evaluation.plots.write_plots", lambda result, folder: None)
+
+
+def test_json(tmp_path, capsys):
+    assert main(["drive", "--seconds", "3", "--out", str(tmp_path), "--json"]) == 0
+    out, err = capsys.readouterr()
+    summary = json.loads(out)
+    assert summary.keys() >= KEYS
+    assert set(summary["map"]) == {"precision", "surfaces", "recall", "position_error_cm", "spacing_error_percent"}
+    assert summary["step_ms"].keys() == {"p50", "p99"}
+    assert (summary["arena"], summary["seed"], summary["simulated_seconds"]) == ("hallway", 0, 3.0)
+    assert [line for line in err.splitlines() if not line.startswith("note: ")] == []  # a first start compiles
+    assert sorted(p.name for p in tmp_path.iterdir()) == FILES
+    assert json.loads((tmp_path / "summary.json").read_text()) == summary
+    saved = np.load(tmp_path / "map.npz")
+    assert saved["cells"].max() == pytest.approx(1.0)
+    assert saved["true_path"].shape == saved["located_path"].shape == (90, 3)
+
+
+@pytest.mark.slow
+def test_a_map_is_made_and_known_again(tmp_path, capsys):
+    shared = ["drive", "--arena", "room", "--seconds", "1", "--odometry", "noisy"]
+    assert main([*shared, "--localise", "--out", str(tmp_path / "first")]) == 0
+    assert "error of the pose at the end: dead reckoning 0.0" in capsys.readouterr().out
+    made = tmp_path / "first" / "map.npz"
+    assert np.load(made)["walls"].shape[1] == 8
+    assert (tmp_path / "first" / "pose.png").exists()
+    assert main([*shared, "--known-map", str(made), "--out", str(tmp_path / "second")]) == 0
+    assert "not found in the known map" in capsys.readouterr().out
+    assert main([*shared, "--known-map", str(tmp_path)]) == 2
+    assert "map" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_words_and_file(tmp_path, capsys):
+    config = tmp_path / "drive.toml"
+    config.write_text(f'arena = "room"\nseconds = 9\nseed = 3\nout = "{tmp_path / "out"}"')
+    assert main(["drive", str(config), "--seconds", "2"]) == 0
+    out, err = capsys.readouterr()
+    assert "room, seed 3, ranging" in out
+    assert "  2 s and" in out
+    assert err == ""  # a progress bar is for terminals
+    assert "written to " in out
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_ctrl_c(tmp_path, capsys, monkeypatch):
+    step = ndtorch_robot.car.Car.step
+
+    def interrupted(self, number, now):
+        if number == 20:
+            raise KeyboardInterrupt
+        step(self, number, now)
+
+    monkeypatch.setattr(ndtorch_robot.car.Car, "step", interrupted)
+    assert main(["drive", "--out", str(tmp_path)]) == 130
+    assert "(interrupted)" in capsys.readouterr().out
+    assert sorted(p.name for p in tmp_path.iterdir()) == [name for name in FILES if name not in PICTURES]
+
+
+def test_a_goal_outside_of_the_building_or_in_a_wall_is_refused() -> None:
+    plan = load_arena("room", 100)
+    left, right, bottom, top = plan.bounds
+    places = np.random.default_rng(0).uniform((left, bottom), (right, top), (200, 2))
+    free = places[plan.clearance(places).argmax()]
+    check_goal(DriveConfig(arena="room", controller="goal", goal="{:.2f},{:.2f}".format(*free)), plan)
+    check_goal(DriveConfig(arena="room", controller="goal"), plan)
+    for x, y in ((right + 3, 0.0), (left - 40, bottom - 40), (right, top)):
+        with pytest.raises(InputError, match="no free place of room"):
+            check_goal(DriveConfig(arena="room", controller="goal", goal=f"{x},{y}"), plan)
+
+
+WORLDS = [{"world": n, "path_m": 10.0, "cylinders": [[2.0, 4.0]]} for n in (4, 5, 6)]
+FILE = {**TWO_WORLDS, "worlds": WORLDS}
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "worlds.json"
+    path.write_text(json.dumps(FILE))
+    return path
+
+
+@pytest.fixture
+def driven(monkeypatch: pytest.MonkeyPatch) -> list[Entry]:
+    """The entries that would have been driven: the car touches something in world 6 and cannot be driven in world 5."""
+    entries: list[Entry] = []
+
+    def run(function: object, tasks: list[Entry], jobs: int) -> Iterator[workers.Event]:
+        assert function is barn.drive_world
+        for n, entry in enumerate(tasks):
+            entries.append(entry)
+            number = entry.world.number
+            if number == 5 and entry.seed == 0:
+                yield workers.Event("failed", n, "Traceback\n  in a file\nInputError: no OpenGL\n")
+                continue
+            hit = number == 6
+            made = Attempt(number, not hit, hit, 20.0, 0.0 if hit else 0.25, [(0.0, 0.0), (0.0, 9.0)], 1.0, 0.4)
+            yield workers.Event("done", n, made._asdict())
+
+    monkeypatch.setattr(workers, "run_tasks", run)
+    return entries
+
+
+def test_what_is_finished_is_kept_and_not_driven_again(
+    file: Path, driven: list[Entry], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = file.parent / "out"
+    command = ["barn", str(file), "--out", str(out), "--json"]
+    assert main(command) == barn.FAILED
+    printed, told = capsys.readouterr()
+    assert json.loads(printed) == {
+        "worlds": 2,
+        "success": 0.5,
+        "collisions": 0.5,
+        "score": 0.125,
+        "median_time_s": 20.0,
+    }
+    assert "failed: world 5: InputError: no OpenGL" in told
+    assert (out / "barn.csv").read_text().splitlines()[1:] == ["4,1,0,20.00,0.2500", "6,0,1,20.00,0.0000"]
+    assert "1 of 3 worlds are missing" in (out / "barn.md").read_text()
+    assert (out / "barn.png").stat().st_size > 1000
+    assert main(command) == barn.FAILED
+    assert [entry.world.number for entry in driven] == [4, 5, 6, 5]
+    assert not out.with_name("out-2").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--worlds", "9"], "has no world 9 among those of --split all"),
+        (["--split", "test", "--worlds", "4"], "has no world 4 among those of --split test"),
+        (["--jobs", "-1"], "--jobs must be 1 or more, got -1"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_driven(
+    arguments: list[str], message: str, file: Path, driven: list[Entry], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["barn", str(file), "--out", str(file.parent / "out"), *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert driven == []
+    assert not (file.parent / "out").exists()
+
+
+def test_ctrl_c_keeps_what_was_finished(
+    file: Path, monkeypatch: pytest.MonkeyPatch, driven: list[Entry], capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = workers.run_tasks
+
+    def cut(*arguments: object) -> Iterator[workers.Event]:
+        yield next(iter(whole(*arguments)))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(workers, "run_tasks", cut)
+    out = file.parent / "out"
+    assert main(["barn", str(file), "--out", str(out)]) == 130
+    assert (out / "barn.csv").read_text().splitlines()[1:] == ["4,1,0,20.00,0.2500"]
+    assert "2 of 3 worlds are missing" in capsys.readouterr().out

@@ -1,0 +1,349 @@
+"""Many drives: the cache, the table and its picture, the command."""
+
+import csv
+import errno
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+import ndtorch_robot.commands.evaluate as command
+from ndtorch.cli.commands import main
+from ndtorch.navigation import Grid, StereoRig
+from ndtorch.utils import workers
+from ndtorch.utils.workers import Event
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.evaluation.drives import key_of
+from ndtorch_robot.evaluation.metrics import (
+    collision_places,
+    collision_summary,
+    coverage,
+    edge_columns,
+    peaks,
+    score_map,
+    spacing_error,
+    true_edges,
+    visible,
+)
+from ndtorch_robot.evaluation.plots import table_plot
+from ndtorch_robot.evaluation.record import Record
+from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
+from ndtorch_robot.sim.plan import Plan, cylinder, ring
+from ndtorch_robot.sim.procedural_textures import ALONG
+from ndtorch_robot.sim.shapes import Box, trace
+from ndtorch_robot.sim.simulation import Collision
+
+MAP = ("precision", "recall", "position_error_cm", "spacing_error_percent", "surfaces")
+
+
+def summary(arena="room", seed=1, controller="published", **changes):
+    values = {
+        "arena": arena,
+        "walls": "textured",
+        "controller": controller,
+        "seed": seed,
+        "simulated_seconds": 900.0,
+        "collisions": 2,
+        "stopped": 1,
+        "distance_m": 400.0,
+        "free_area_passed": 0.5,
+        "free_area_passed_40cm": 0.2,
+        "collision_places": 2,
+        "map": dict(zip(MAP, (0.8, 0.6, 1.5, None, 0.9), strict=True)),
+    }
+    return values | changes
+
+
+def test_key_names_the_drive_and_the_code(tmp_path):
+    config = DriveConfig()
+    key = key_of(config, "a")
+    assert key == key_of(config.model_copy(update={"out": tmp_path, "full_frames": True}), "a")
+    arena = tmp_path / "my.toml"
+    arena.write_text("rooms = [[0, 0, 4, 4]]")
+    changed = [{"seed": 3}, {"seconds": 61.0}, {"arena": "room"}, {"walls": "blank"}, {"arena": str(arena)}]
+    keys = {key_of(config.model_copy(update=c), "a") for c in changed} | {key, key_of(config, "b")}
+    assert len(keys) == len(changed) + 2
+    before = key_of(config.model_copy(update={"arena": str(arena)}), "a")
+    arena.write_text("rooms = [[0, 0, 5, 4]]")
+    assert key_of(config.model_copy(update={"arena": str(arena)}), "a") != before
+
+
+def test_rows_are_of_all_drives_together():
+    none = {"precision": 0.6, "recall": None, "position_error_cm": None, "spacing_error_percent": None, "surfaces": 1.0}
+    drives = [
+        summary(),
+        summary("loop"),
+        summary(seed=2, collisions=0, stopped=0, simulated_seconds=2700.0, free_area_passed=0.9, map=none)
+        | {"free_area_passed_40cm": 0.3, "collision_places": 1},
+    ]
+    room, loop = rows_of(drives)
+    assert (room["arena"], loop["arena"]) == ("room", "loop")
+    assert room["hours"] == 1.0
+    assert (room["collisions_h"], room["stops_h"], room["distance_m"]) == (2.0, 1.0, 800.0)
+    assert room["passed"] == pytest.approx(0.7)
+    assert (room["precision"], room["surfaces"]) == pytest.approx((0.7, 0.95))
+    assert (room["recall"], room["position_cm"], room["spacing_percent"]) == (0.6, 1.5, None)
+    assert loop["collisions_h"] == 8.0
+    lines = markdown([room, loop], "note").splitlines()
+    assert (
+        lines[2]
+        == "| room | textured | published | 2 | 1.00 | 2.0 | 3 | 1.0 | 800 | 70 | 25 | 70 | 95 | 60 | 1.5 | - |"
+    )
+    assert lines[-1] == "note"
+    table = list(csv.reader(comma_separated([room, loop]).splitlines()))
+    assert table[0] == [column.head for column in COLUMNS]
+    assert rows_of([drive | {"body_lengths": 1000.0} for drive in drives])[0]["hits_1000"] == 1.0
+    assert table[2][:4] == ["loop", "textured", "published", ""]
+    assert table[2][4:] == "1 0.25 8.0 2 - 4.0 400 - 50 20 - 80 90 60 1.5 - - -".replace("-", "").split(" ")
+
+
+def test_rows_tell_disturbances_gates_and_people():
+    drives = [
+        summary(),
+        summary(disturbance="noise", gates=[1, 2], people_hit=1),
+        summary(seed=2, disturbance="noise", gates=[2, 2]),
+    ]
+    plain, noisy = rows_of(drives)
+    assert (plain["disturbance"], noisy["disturbance"]) == ("", "noise")
+    assert (noisy["gates"], noisy["people"]) == ((3, 4), (1, 0))
+    head = markdown([plain, noisy], "").splitlines()[0]
+    assert all(name in head for name in ("disturbance", "gates passed", "people hit"))
+    assert "disturbance" not in markdown([plain], "").splitlines()[0]
+
+
+def test_plot_of_many():
+    rng = np.random.default_rng(0)
+    drives = [
+        summary(arena, seed, controller, collisions=int(rng.integers(0, 60)), walls=walls)
+        for arena in ("hallway", "curve", "room")
+        for walls in ("textured", "blank")
+        for controller in ("published", "another")
+        for seed in range(3)
+    ]
+    left, right = table_plot(rows_of(drives)).axes
+    assert [label.get_text() for label in left.get_yticklabels()][:2] == ["hallway, textured", "hallway, blank"]
+    singles = [line for line in left.lines if len(line.get_xdata()) == 3]
+    assert len(singles) == 12
+    assert sorted(singles[0].get_xdata()) == sorted(4 * d["collisions"] for d in drives[:3])
+    assert {tuple(line.get_xdata()) for line in right.lines if len(line.get_xdata()) == 3} == {(50.0, 50.0, 50.0)}
+
+
+def in_this_process(function, tasks, jobs):
+    """As `run_tasks`, without processes that import torch for seconds."""
+    for number, task in enumerate(tasks):
+        yield Event("done", number, function(task, lambda share: None))
+
+
+@pytest.mark.slow
+def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
+    place = tmp_path / "e"
+    arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--jobs", "1", "--out", str(place)]
+    arguments += ["--controllers", "published", "--seeds", "1000", "1001"]
+    assert main(arguments) == 0
+    out, err = capsys.readouterr()
+    assert "| room | textured | published | 2 |" in out
+    assert err == ""
+    made = {file: file.stat().st_mtime_ns for file in (place / "drives").iterdir()}
+    assert len(made) == 2
+    lines = [json.loads(line) for line in (place / "drives.jsonl").read_text().splitlines()]
+    assert [line["seed"] for line in lines] == [1000, 1001]
+    names = {"drives", "drives.jsonl", "report.html", "settings.json", "table.csv", "table.md", "table.png"}
+    assert {p.name for p in place.iterdir()} == names
+
+    gone = min(made)
+    gone.unlink()
+    monkeypatch.setattr(workers, "run_tasks", in_this_process)
+    assert main([*arguments, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)[0]["collisions_h"] == 0.0
+    again = {file: file.stat().st_mtime_ns for file in (place / "drives").iterdir()}
+    assert again.keys() == made.keys()
+    assert [file for file in made if again[file] != made[file]] == [gone]
+
+    # A table of other drives is another table; what was driven is not driven again.
+    table = (place / "table.md").read_bytes()
+    monkeypatch.setattr(workers, "run_tasks", None)
+    assert main(arguments[:-1]) == 0
+    assert f"written to {tmp_path / 'e-2'}: table.md" in capsys.readouterr().out
+    assert (place / "table.md").read_bytes() == table
+    assert {file.name for file in (tmp_path / "e-2" / "drives").iterdir()} == {file.name for file in made}
+
+
+def test_a_full_disk_leaves_the_old_tables(tmp_path, monkeypatch):
+    command.write_tables([summary()], tmp_path, "before", False)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    assert len(before) == 5
+
+    def full(handle):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        command.write_tables([summary(seed=2)], tmp_path, "after", False)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_ctrl_c_keeps_what_is_finished(tmp_path, capsys, monkeypatch):
+    def one_and_stop(work_, jobs, processes):
+        yield Event("again", 1, "SIGKILL")
+        yield Event("done", 0, summary("room", 1000))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(workers, "run_tasks", one_and_stop)
+    arguments = ["evaluate", "--arenas", "room", "--controllers", "published", "--out", str(tmp_path)]
+    assert main(arguments) == 130
+    out, err = capsys.readouterr()
+    assert "| room | textured | published | 1 |" in out
+    assert "300 s a drive, seeds 1000, 1001, 1002; 2 of 3 drives are missing." in out
+    assert "seed 1001, textured, published: its process died (SIGKILL); once more" in err
+    assert len(list((tmp_path / "drives").iterdir())) == 1
+
+
+def test_drives_that_fail_are_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(
+        workers, "run_tasks", lambda *a: (e for e in [Event("failed", 0, "Traceback\n ...\nValueError: broken\n")])
+    )
+    monkeypatch.setattr(command, "SEEDS", (1000,))
+    arguments = ["evaluate", "--arenas", "room", "--seeds", "7", "--controllers", "published", "--out", str(tmp_path)]
+    assert main(arguments) == 1
+    out, err = capsys.readouterr()
+    assert "failed: room, seed 7, textured, published: ValueError: broken" in err
+    assert "seeds below 1000 were used in tuning" in out
+
+
+RIG = StereoRig()
+
+
+def doors():
+    """A hallway with three niches 1.5 m apart; the doors are dark, all else is bright."""
+    niches = [Box(2 + 1.5 * k, 1.0, 2.9 + 1.5 * k, 1.1, "door") for k in range(3)]
+    outline, solids = trace([Box(0, -1, 9, 1), *niches])
+    rows = (tuple((2 + 1.5 * k, 1.0) for k in range(3)),)
+    plan = Plan("test", outline, solids, doors=rows, spacing=1.5)
+    ends = np.roll(outline.array, -1, 0)
+    profiles = [
+        np.full(round(float(np.hypot(*(b - a))) * ALONG), 0.2 if kind == "door" else 0.8)
+        for a, b, kind in zip(outline.array, ends, outline.kinds, strict=True)
+    ]
+    return plan, profiles
+
+
+def blob(grid, places, spread=0.01):
+    """A map with a small round blob at each place."""
+    row, column = torch.meshgrid(torch.arange(grid.rows), torch.arange(grid.columns), indexing="ij")
+    x, y = grid.center(row, column)
+    return sum(torch.exp(-((x - a) ** 2 + (y - b) ** 2) / (2 * spread**2)) for a, b in places)
+
+
+def test_edge_columns():
+    profile = np.full(3 * ALONG, 0.5)
+    profile[ALONG : 2 * ALONG] = 0.65
+    assert edge_columns(profile, 0.08) == pytest.approx([1.0, 2.0], abs=0.01)
+    assert len(edge_columns(profile, 0.2)) == 0
+    assert len(edge_columns(np.linspace(0, 1, 3 * ALONG), 0.08)) == 0
+
+
+def test_true_edges():
+    plan, profiles = doors()
+    edges = true_edges(plan, profiles)
+    # Each niche: two corners at its front, and two at its back, where the door meets the jambs.
+    assert len(edges.places) == 12
+    assert edges.faint.sum() == 6
+    assert set(np.round(edges.places[edges.faint][:, 1], 6)) == {1.0}
+
+
+def test_visible():
+    plan, profiles = doors()
+    edges = true_edges(plan, profiles)
+    poses = np.array([(x, 0.0, 0.0) for x in np.arange(0, 2.0, 0.05)])
+    seen = edges.places[visible(plan, edges, poses, RIG)]
+    assert {(round(x, 2), round(y, 2)) for x, y in seen} == {(2.0, 1.0), (2.9, 1.1), (3.5, 1.0)}
+    assert not visible(plan, edges, np.add(poses, (0, 0, np.pi)), RIG).any()
+
+
+def test_a_good_and_a_bad_map():
+    plan, profiles = doors()
+    grid = Grid(-0.5, 9.5, -1.5, 1.6)
+    poses = np.array([(x, 0.0, 0.0) for x in np.arange(0, 7.0, 0.05)])
+    edges = true_edges(plan, profiles)
+    seen = edges.places[visible(plan, edges, poses, RIG)]
+    perfect = score_map(blob(grid, seen), grid, plan, profiles, poses, RIG)
+    assert perfect.precision == pytest.approx(1.0, abs=1e-3)
+    assert perfect.recall == 1.0
+    assert perfect.position_error_cm < 1.0
+    assert perfect.spacing_error_percent < 0.7
+    stretched = score_map(blob(grid, seen * (1.02, 1.0)), grid, plan, profiles, poses, RIG)
+    assert stretched.spacing_error_percent == pytest.approx(2.0, abs=0.7)
+    assert 3.0 < stretched.position_error_cm < 12.0
+    wrong = score_map(blob(grid, [(4.0, 0.0)]), grid, plan, profiles, poses, RIG)
+    assert wrong.precision == pytest.approx(0.0, abs=1e-6)
+    assert wrong.recall == 0.0
+    assert wrong.position_error_cm is None
+    empty = score_map(torch.zeros(grid.rows, grid.columns), grid, plan, profiles, poses, RIG)
+    assert empty == (None, None, None, None, None)
+
+
+def test_a_map_of_places_along_walls():
+    """It lies on surfaces, of which few places are edges; what hangs or lies below the cameras is none of them."""
+    plan, profiles = doors()
+    grid, poses = Grid(-0.5, 9.5, -1.5, 1.6), np.zeros((1, 3))
+    along = [(x, -1.0) for x in (1.0, 2.0, 4.0)]
+    wall = score_map(blob(grid, along), grid, plan, profiles, poses, RIG)
+    assert wall.precision == pytest.approx(0.0, abs=1e-6)
+    assert wall.surfaces == pytest.approx(1.0, abs=1e-3)
+    beside = score_map(blob(grid, [*along, (4.0, -0.85)]), grid, plan, profiles, poses, RIG)
+    assert beside.surfaces == pytest.approx(0.75, abs=0.01)
+    for height, share in ((1.0, 1.0), (0.15, 0.0)):
+        pole = replace(plan, solids=(*plan.solids, cylinder(4.0, 0.0, 0.05, height)))
+        more = [*profiles, *(np.full(10, 0.5) for _ in pole.solids[-1].points)]
+        found = score_map(blob(grid, [(4.0, 0.0)]), grid, pole, more, poses, RIG)
+        assert found.surfaces == pytest.approx(share, abs=1e-3)
+
+
+def test_peaks_and_spacing():
+    plan, _ = doors()
+    grid = Grid(0.0, 6.0, 0.0, 2.0)
+    places = [(2.02, 1.0), (3.53, 1.02), (5.04, 1.0)]
+    found = peaks(blob(grid, places), grid)
+    distance = np.abs(found[:, None, 0] - np.array(places)[None, :, 0])
+    assert distance.min(1).max() < 0.011  # two cells of one height count as two
+    assert distance.min(0).max() < 0.011
+    assert spacing_error(plan, np.array(places)) == pytest.approx(100 * 0.01 / 1.5, abs=0.05)
+    assert spacing_error(plan, np.array(places[:1])) is None
+
+
+def test_coverage():
+    free = np.array([(x, 0.0) for x in np.arange(0.05, 10, 0.1)])
+    path = np.array([(x, 0.0) for x in np.linspace(0, 4, 200)])
+    assert coverage(free, path) == pytest.approx(0.5, abs=0.05)
+    assert ring([(0, 0), (1, 0), (1, 1)]).area == 0.5
+
+
+def test_collisions_by_place_and_by_who():
+    collisions = [Collision(1.0, 0, 0, 0), Collision(2.0, 0.3, 0, 0), Collision(3.0, 0.9, 0, 0)]
+    collisions += [Collision(4.0, 5, 5, 0, True, False), Collision(5.0, 5, 5, 0, True, True)]
+    assert collision_places(collisions[:3]) == [(0, 0), (0.9, 0)]
+    assert collision_summary(collisions) == {
+        "collisions": 5,
+        "collision_places": 2,
+        "people_hit": 1,
+        "hit_while_standing": 1,
+    }
+
+
+@pytest.mark.parametrize(
+    ("commands", "turns"),
+    [
+        ([(0.5, 0), (0.5, 1), (0.4, 2), (0.5, 0), (0.5, 1)], 2),  # a turn that gets tighter is one
+        ([(0.5, 1), (0.5, -1)], 2),
+        ([(0.5, 0), (-0.3, 1.9), (-0.3, 1.6), (-0.3, 1.3), (0.5, 0)], 0),  # back on the way it came
+        ([], 0),
+    ],
+)
+def test_turns_are_counted_when_they_begin(commands, turns):
+    made = object.__new__(Record)
+    made.command = [np.array(pair) for pair in commands]
+    assert made.turns == turns
