@@ -10,7 +10,6 @@ from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import (
     has_contrast,
     is_rigid_motion,
-    path_straightness,
     revoke_confirmation,
 )
 from ndtorch.tracking.track import Track, TrackState
@@ -77,20 +76,12 @@ def travels_enough(track: Track, clutter: Floats, p: TrackingParams) -> bool:
     enough, far = min_travel(track, p), track.net_travel
     if far < enough or track.age < p.min_track_s:
         return False
-    level = min(1.0, clutter_at(track, clutter) / CLUTTER_LEVEL)
-    further = enough if level < 1 else p.clutter_travel_factor * enough
-    return far >= further and (not level or path_straightness(track) >= p.min_straightness_ratio * level)
+    return far >= (p.clutter_travel_factor * enough if clutter_at(track, clutter) >= CLUTTER_LEVEL else enough)
 
 
 def is_object(track: Track, light: Callable[[], float], p: TrackingParams) -> bool:
-    """Whether a track has contrast, or moves rigidly and straight.
-
-    Everything is an object if `min_travel_sizes` is 0. After a revoked confirmation a track has to move straight, too.
-    """
-    if not p.min_travel_sizes or (has_contrast(track, p) and track.confirmed_at < 0):
-        return True
-    rigid = has_contrast(track, p) or is_rigid_motion(track, float(light()))
-    return rigid and path_straightness(track) >= p.min_straightness_ratio
+    """Whether a track has contrast, or moves rigidly. Everything is an object if `min_travel_sizes` is 0."""
+    return not p.min_travel_sizes or has_contrast(track, p) or is_rigid_motion(track, float(light()))
 
 
 def is_shadow(track: Track) -> bool:

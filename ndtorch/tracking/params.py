@@ -9,9 +9,9 @@ from ndtorch.config import Constants, constant
 FIXED = (
     "certain unbent shadow piece follow grouped blurred room restless glimpse near shortly same_size among several "
     "stride least_stride doubt behind step swing grown beside fate moves "
-    "steady shared reach alone forget lately whole leaves familiar warm_up"
+    "steady straight min_straightness_ratio shared reach alone forget lately whole leaves familiar warm_up"
 )
-"""Keys of version 0.2.0 that are constants in the code now, or whose rule is gone (steady)."""
+"""Keys of version 0.2.0 that are constants in the code now, or whose rule is gone (steady, straight)."""
 
 
 class TrackingParams(Constants):
@@ -36,7 +36,6 @@ class TrackingParams(Constants):
         "many": "clutter_rate",
         "crowded": "clutter_density",
         "clear": "min_contrast_sigma",
-        "straight": "min_straightness_ratio",
         "trial": "probation_s",
         "larger": "parent_area_ratio",
         "rests": "stationary_after_s",
@@ -87,9 +86,6 @@ class TrackingParams(Constants):
     )
     min_contrast_sigma: float = constant(
         9.0, "A track with this mean contrast, in deviations of the noise, need not prove rigid motion.", gt=0
-    )
-    min_straightness_ratio: float = constant(
-        0.4, "A track oscillates if its net displacement is below this fraction of its path.", ge=0, le=1
     )
     probation_s: float = constant(
         5.0, "A confirmation is revoked within this many seconds if the track only oscillates or grows.", ge=0

@@ -1,4 +1,4 @@
-"""Rigid motion: whether the appearance of a track moved with it and left its old place, and how straight its path is.
+"""Rigid motion: whether the appearance of a track moved with it and left its old place, and the length of its path.
 
 Pieces that come and go side by side, leaves that sway, and blocks of a codec shift the middle of a blob, but what was
 there stays there. The squared differences of the kept appearance from what is at its old place later, and from what is
@@ -89,14 +89,8 @@ def is_rigid_motion(track: Track, light: float) -> bool:
     return bool(stayed - went - doubt >= MIN_RIGIDITY * (stayed + went + doubt))
 
 
-def path_straightness(track: Track) -> float:
-    """Net displacement over the length of the path; 1 before the first step."""
-    path = path_lengths(track)
-    return path.net / path.length if path.length else 1.0
-
-
 def confidence(track: Track) -> float:
-    """Rank of a track as an object, 0 to 1: the root of straightness times s / (s + `HALF_TRAVEL_SIZES`).
+    """Rank of a track as an object, 0 to 1: the root of (net displacement / path length) s / (s + `HALF_TRAVEL_SIZES`).
 
     s is the largest distance from its start in sizes. What never moved has 0. It is not calibrated: no probability.
     """

@@ -67,7 +67,7 @@ def test_a_thing_that_crosses_restless_ground_is_found() -> None:
         left = 2 * (n - 8 * fps)
         film[n, :, 44:68, left : left + 24] = 0.9
     # Without what tells leaves from things, leaves are objects.
-    blind = {"tracking.clutter_travel_factor": 1.0, "tracking.min_straightness_ratio": 0.0, "tracking.probation_s": 0.0}
+    blind = {"tracking.clutter_travel_factor": 1.0, "tracking.probation_s": 0.0}
     blind |= {"tracking.clutter_rate": 1e9, "tracking.clutter_density": 1e9}
     counts = []
     for options in ({}, blind):

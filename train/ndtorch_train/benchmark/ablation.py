@@ -26,7 +26,6 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "travel": {"min_travel_sizes": 0.0},
     "travel, share of the height": {"min_travel_height_ratio": 0.0},
     "rigid motion": {"min_contrast_sigma": 1e-9},
-    "straightness": {"min_straightness_ratio": 0.0},
     "probation": {"probation_s": 0.0},
     "clutter map": {"clutter_travel_factor": 1.0},
     "particles": {"clutter_rate": ENDLESS, "clutter_density": ENDLESS},
