@@ -1,16 +1,29 @@
-"""The spectral radius against numpy's eigenvalues, and the limit on it."""
+"""Spectral radius, weight matrices, solutions of source separation and their stability: by numpy and by print."""
 
 from __future__ import annotations
+
+import functools
+import math
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import limit_spectral_radius, spectral_radius
+from ndtorch.binding import (
+    InhibitoryNetwork,
+    learning_rule,
+    limit_spectral_radius,
+    separated,
+    solutions,
+    spectral_radius,
+)
+from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.spectrum import SQUARING_FROM, always_limited, perron_root
+from ndtorch.binding.theory import count_solutions, largest_free_weight, mixing_from_weights
+from ndtorch.errors import InputError
 
 # Batches that go to the eigenvalue solver, and batches that are squared.
 BATCHES = [1, SQUARING_FROM - 1, SQUARING_FROM, SQUARING_FROM + 9]
@@ -150,3 +163,196 @@ def test_gradients_pass_through_the_scaling() -> None:
     limit_spectral_radius(weights, 0.5).sum().backward()
     assert weights.grad is not None
     assert torch.isfinite(weights.grad).all()
+
+
+coefficients = st.floats(0.05, 1.0)
+matrices = st.tuples(coefficients, coefficients, coefficients, coefficients).filter(
+    lambda m: abs(m[0] * m[3] - m[1] * m[2]) > 1e-6
+)
+
+
+def random_matrix(seed: int, *shape: int) -> torch.Tensor:
+    return torch.rand(shape, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
+
+
+@settings(max_examples=30, deadline=None)
+@given(matrices)
+def test_two_neurons_and_two_sources(m: tuple[float, float, float, float]) -> None:
+    """[C eq. 21, 24]"""
+    m11, m12, m21, m22 = m
+    straight, swapped = solutions(torch.tensor([[m11, m12], [m21, m22]], dtype=torch.float64))
+    assert (straight.owners, swapped.owners) == ((0, 1), (1, 0))
+    assert_allclose(straight.weights, [[0, m12 / m22], [m21 / m11, 0]])
+    assert_allclose(swapped.weights, [[0, m11 / m21], [m22 / m12, 0]])
+
+
+@settings(max_examples=30, deadline=None)
+@given(matrices)
+def test_just_one_of_the_two_is_stable(m: tuple[float, float, float, float]) -> None:
+    """[C eq. 31-32]"""
+    m11, m12, m21, m22 = m
+    assume(abs(m12 * m21 - m11 * m22) > 1e-6)
+    straight, swapped = solutions(torch.tensor([[m11, m12], [m21, m22]], dtype=torch.float64))
+    assert straight.stable == (m12 * m21 < m11 * m22)
+    assert swapped.stable == (m12 * m21 > m11 * m22)
+
+
+def test_one_source_and_two_neurons() -> None:
+    """[C eq. 27-28]; the free weight is zero here."""
+    found = solutions(torch.tensor([[0.8], [0.6]], dtype=torch.float64))
+    assert [s.owners for s in found] == [(0,), (1,)]
+    assert_allclose(found[0].weights, [[0, 0], [0.6 / 0.8, 0]])
+    assert_allclose(found[1].weights, [[0, 0.8 / 0.6], [0, 0]])
+    assert all(s.stable for s in found)
+
+
+def test_the_other_source_and_two_neurons() -> None:
+    """[C eq. 29-30], with the mixture of [C eq. 44]."""
+    permuted, straight = solutions(torch.tensor([[0.7], [0.6]], dtype=torch.float64))
+    assert_allclose(straight.weights, [[0, 0.7 / 0.6], [0, 0]])
+    assert_allclose(permuted.weights, [[0, 0], [0.6 / 0.7, 0]])
+
+
+def test_the_mixture_of_the_paper_has_equal_weights() -> None:
+    """[C eq. 51-52]"""
+    stable = [s for s in solutions(torch.tensor([[0.6, 0.7], [0.7, 0.6]])) if s.stable]
+    assert len(stable) == 1
+    assert_allclose(stable[0].weights, [[0, 0.857], [0.857, 0]], atol=1e-3)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**31), neurons=st.integers(2, 5), data=st.data())
+def test_every_solution_separates(seed: int, neurons: int, data: st.DataObject) -> None:
+    sources = data.draw(st.integers(1, neurons))
+    mixing = 0.05 + random_matrix(seed, neurons, sources)
+    assume(np.linalg.cond(mixing.numpy()) < 1e3)
+    found = solutions(mixing)
+    assert len(found) == math.perm(neurons, sources)
+    for solution in found:
+        gains = separated(mixing, solution.weights).numpy()
+        expected = np.zeros_like(gains)
+        for j, owner in enumerate(solution.owners):
+            expected[owner, j] = mixing[owner, j]
+        assert_allclose(gains, expected, atol=1e-9)
+
+
+def test_sources_in_the_same_proportions_are_refused() -> None:
+    with pytest.raises(InputError, match="same proportions"):
+        solutions(torch.ones(2, 2, dtype=torch.int64))
+
+
+@pytest.mark.parametrize(("neurons", "sources", "count"), [(10, 10, 3628800), (10, 2, 8100), (2, 1, 4), (2, 2, 2)])
+def test_counts_of_the_paper(neurons: int, sources: int, count: int) -> None:
+    assert count_solutions(neurons, sources) == count
+
+
+@settings(max_examples=30, deadline=None)
+@given(other=st.floats(0.01, 20), present=st.floats(0, 30))
+def test_free_weight_of_two_neurons_is_one_over_the_other(other: float, present: float) -> None:
+    """[C eq. 33-36]"""
+    weights = torch.tensor([[0.0, present], [other, 0.0]], dtype=torch.float64)
+    assert largest_free_weight(weights, 0, 1) == pytest.approx(1 / other)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**31), size=st.floats(0.05, 0.3))
+def test_the_largest_free_weight_makes_the_radius_one(seed: int, size: float) -> None:
+    weights = random_matrix(seed, 4, 4).fill_diagonal_(0) * size
+    bound = largest_free_weight(weights, 2, 1)
+    weights[2, 1] = bound
+    assert float(spectral_radius(weights)) == pytest.approx(1)
+    weights[2, 1] = 0.99 * bound
+    assert float(spectral_radius(weights)) < 1
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**31), sources=st.integers(1, 4))
+def test_mixing_comes_back_from_the_weights(seed: int, sources: int) -> None:
+    """[C eq. 58]: up to the scale of each column."""
+    mixing = 0.05 + random_matrix(seed, 4, sources)
+    for solution in solutions(mixing):
+        owners = torch.zeros(4, dtype=torch.bool)
+        owners[list(solution.owners)] = True
+        order = np.argsort(solution.owners)
+        got = mixing_from_weights(solution.weights, owners).numpy()
+        expected = (mixing / mixing[list(solution.owners), range(sources)]).numpy()[:, order]
+        assert_allclose(got, expected, rtol=1e-10)
+
+
+Mixing = tuple[tuple[float, float], tuple[float, float]]
+
+ONE: Mixing = ((0.0, 0.7), (0.0, 0.6))
+TWO: Mixing = ((0.6, 0.7), (0.7, 0.6))
+
+
+def mixed(mixing: Mixing, seconds: float) -> torch.Tensor:
+    """Mixture of two sinusoids, `[T, 2]`. [C eq. 42-43]"""
+    t = torch.arange(round(seconds * 1000), dtype=torch.float64) * 0.001
+    sources = torch.stack([torch.sin(2 * math.pi * 2 * t), torch.sin(2 * math.pi * t)], -1)
+    return sources @ torch.tensor(mixing, dtype=torch.float64).T
+
+
+def network(rule: str) -> InhibitoryNetwork:
+    return InhibitoryNetwork(
+        2, 0.001, learning_rule(rule, gamma=5.0, radius_limit=math.inf), tau_in=math.inf, tau_out=2.0, settle=0.0
+    )
+
+
+@functools.cache
+def learn(rule: str, mixing: Mixing, seconds: float) -> tuple[torch.Tensor, NetworkState]:
+    """Outputs and state after `seconds`."""
+    return network(rule)(mixed(mixing, seconds))
+
+
+def test_competition_finds_the_one_source_within_five_seconds() -> None:
+    """[C eq. 50, fig. 7e]"""
+    _, state = learn("competitive", ONE, 5)
+    assert_allclose(state.weights, [[0, 0.2], [0.86, 0]], atol=0.02)
+
+
+def test_competition_leaves_one_output_of_one_source() -> None:
+    """[C fig. 7f]"""
+    outputs, state = learn("competitive", ONE, 10)
+    last = outputs[-1000:].abs().amax(0)
+    assert last[0] > 0.6
+    assert last[1] < 0.02
+    assert float(spectral_radius(state.weights)) < 1
+
+
+def test_the_weights_found_are_the_solution_with_its_other_weight_in_bounds() -> None:
+    """[C eq. 29, 35]"""
+    _, state = learn("competitive", ONE, 10)
+    expected = solutions(torch.tensor(ONE, dtype=torch.float64)[:, 1:])[0].weights
+    assert_allclose(state.weights[1, 0], expected[1, 0], atol=0.005)
+    assert 0 <= state.weights[0, 1] < 0.7 / 0.6
+
+
+def test_cooperation_separates_two_sources() -> None:
+    """[C eq. 52]: the outputs are the sources, and the weights near .86."""
+    outputs, state = learn("cooperative", TWO, 20)
+    assert_allclose(state.weights, [[0, 0.86], [0.86, 0]], atol=0.1)
+    spectrum = torch.fft.rfft(outputs[-1000:], dim=0).abs()
+    assert spectrum[:, 0].argmax() == 1
+    assert spectrum[:, 1].argmax() == 2
+    # In the mixture, the weaker source has 0.86 of the stronger.
+    assert spectrum[2, 0] < 0.5 * spectrum[1, 0]
+    assert spectrum[1, 1] < 0.5 * spectrum[2, 1]
+
+
+def test_competition_cannot_separate_two_sources() -> None:
+    """[C §5.4]: one neuron keeps being suppressed, far from the solution."""
+    _, state = learn("competitive", TWO, 30)
+    weights = state.weights[[0, 1], [1, 0]]
+    assert weights.max() > 0.95
+    assert weights.min() < 0.5
+
+
+def test_cooperation_becomes_unstable_on_one_source() -> None:
+    """[C fig. 7c]: weights grow together until the eigenvalues exceed one, after about nine seconds."""
+    module, state, first = network("cooperative"), None, None
+    for n, chunk in enumerate(mixed(ONE, 12).split(50)):
+        _, state = module(chunk, state)
+        if first is None and float(spectral_radius(state.weights)) > 1:
+            first = (n + 1) * 0.05
+    assert first is not None
+    assert 8 < first < 11

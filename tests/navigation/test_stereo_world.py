@@ -1,4 +1,4 @@
-"""Ranges and a map of a ray-cast world of textured walls, against the geometry that made it."""
+"""Features of rows and ranges of a ray-cast world, against plain loops and the geometry."""
 
 import math
 from functools import cache
@@ -6,9 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch.autograd import gradcheck
 
+from ndtorch.errors import InputError
 from ndtorch.navigation import DeadReckoning, FeatureParams, Grid, GridMap, MatchParams, Pose, StereoRanging, StereoRig
 from ndtorch.navigation.mapping.certainty import SEARCH_SPREAD_PX
+from ndtorch.navigation.stereo.correspondence import match_features
+from ndtorch.navigation.stereo.features import Features, edge_places, find_features, patch_error
+from ndtorch.navigation.stereo.prediction import PredictedFeatures
 from ndtorch.navigation.stereo.search import SearchParams
 from tests.navigation import planar_world
 from tests.navigation.planar_world import PlanarWorld
@@ -148,3 +155,196 @@ def test_map_of_a_search_lies_on_a_far_wall():
         share.append(float(cells[:, (x - 5.0).abs() < 0.1].sum() / cells.sum()))
     assert share[0] > 0.85
     assert share[1] < 0.4
+
+
+def rows(seed, *shape, scale=0.2):
+    generator = torch.Generator().manual_seed(seed)
+    row = torch.rand(*shape, generator=generator, dtype=torch.float64)
+    motion = (torch.rand(*shape, generator=generator, dtype=torch.float64) - 0.5) * scale
+    return row, motion
+
+
+def plain_features(row, motion, p):
+    """The paper's procedure, one pixel at a time."""
+    free = [0 < n < len(row) - 1 for n in range(len(row))]
+    picks = []
+    for _ in range(p.count):
+        best = max((n for n in range(len(row)) if free[n]), key=lambda n: abs(motion[n]), default=None)
+        if best is None:
+            break
+        picks.append(best)
+        for n in range(len(row)):
+            if abs(n - best) <= p.spacing_px:
+                free[n] = False
+
+    def error(a, b):
+        return sum((row[a + k] - row[b + k]) ** 2 for k in (-1, 0, 1))
+
+    valid = [
+        abs(motion[a]) >= p.min_motion and all(error(a, b) >= p.min_difference for b in picks if b != a) for a in picks
+    ]
+    return picks, valid
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.integers(9, 60), st.integers(1, 6), st.integers(0, 4))
+def test_against_plain_loops(seed, width, count, spacing):
+    params = FeatureParams(count=count, spacing_px=spacing, min_motion=0.03, min_difference=0.05)
+    row, motion = rows(seed, width)
+    found = find_features(row, motion, params)
+    picks, valid = plain_features(row.tolist(), motion.tolist(), params)
+    assert found.column[: len(picks)].tolist() == picks
+    assert found.valid[: len(picks)].tolist() == valid
+    assert not found.valid[len(picks) :].any()  # a short row leaves slots empty
+
+
+def test_features_by_hand():
+    motion = torch.zeros(30)
+    motion[10], motion[12], motion[13], motion[14], motion[20] = 0.5, -0.4, 0.3, -0.2, 0.02
+    motion[0] = motion[29] = 9.0  # no patch at the border
+    row = torch.linspace(0, 3, 30)
+    found = find_features(row, motion, FeatureParams(count=4))
+    assert found.column[:3].tolist() == [10, 14, 20]
+    assert found.strength[:3].tolist() == pytest.approx([0.5, 0.2, 0.02])
+    assert found.valid.tolist() == [True, True, True, False]
+    torch.testing.assert_close(found.patch[0], row[9:12])
+
+
+def test_gradient_of_the_error():
+    left, right = (rows(k, 3, 3)[0].requires_grad_() for k in (1, 2))
+    assert gradcheck(patch_error, (left, right))
+
+
+def averaged_step(width, place, low, high):
+    """A step at a fraction of a pixel as pixels average it."""
+    share = (torch.arange(width, dtype=torch.float64) + 0.5 - place).clamp(0, 1)
+    return low + (high - low) * share
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.floats(8, 30), st.floats(0, 1), st.floats(0, 1), st.integers(-4, 4))
+def test_edges_are_found_to_a_fraction_of_a_pixel(place, low, high, off):
+    if abs(high - low) < 0.05:
+        return
+    row = averaged_step(40, place, low, high)
+    found = edge_places(row, torch.tensor([round(place) + off]), reach=4)
+    assert float(found) == pytest.approx(place, abs=1e-9)
+
+
+def test_edges_in_both_rows_have_the_same_patches():
+    """Whatever the fraction of a pixel, the patch beside and on an edge is dark, middle, bright."""
+    patches = []
+    for place in (20.0, 20.3, 20.5, 20.9):
+        row = averaged_step(60, place, 0.2, 0.8)
+        motion = row - averaged_step(60, place + 2.6, 0.2, 0.8)
+        found = find_features(row, motion, FeatureParams(count=1, edge_reach_px=4))
+        assert float(found.column) == pytest.approx(place, abs=1e-9)
+        patches.append(found.patch[0])
+    for patch in patches:
+        assert patch.tolist() == pytest.approx([0.2, 0.5, 0.8], abs=0.06)
+
+
+def test_two_features_of_one_edge_are_one():
+    row = averaged_step(60, 20.5, 0.2, 0.8)
+    motion = torch.zeros(60, dtype=torch.float64)
+    motion[[20, 24]] = torch.tensor([0.05, 0.06], dtype=torch.float64)
+    found = find_features(row, motion, FeatureParams(count=2, edge_reach_px=4))
+    assert found.valid.tolist() == [True, False]
+    assert found.strength[0] == 0.06
+    motion[20] = 0.06
+    assert find_features(row, motion, FeatureParams(count=2, edge_reach_px=4)).valid.tolist() == [True, False]
+
+
+def test_a_share_of_the_features_is_kept_for_the_middle():
+    motion = torch.rand(640, generator=torch.Generator().manual_seed(1))
+    motion[280:360] *= 0.2
+    row = torch.rand(640, generator=torch.Generator().manual_seed(2))
+    plain, kept = (find_features(row, motion, FeatureParams(7, ahead_count=ahead), (280, 360)) for ahead in (0, 3))
+    inside = [(found.column >= 280) & (found.column < 360) for found in (plain, kept)]
+    assert inside[0].sum() == 0
+    assert inside[1].tolist() == [True] * 3 + [False] * 4
+    torch.testing.assert_close(kept.column[3:], plain.column[:4])
+    motion[280:360] = 0
+    none = find_features(row, motion, FeatureParams(7, ahead_count=3), (280, 360))
+    torch.testing.assert_close(none.column, plain.column)
+    with pytest.raises(InputError, match="ahead"):
+        FeatureParams(5, ahead_count=6)
+
+
+def as_features(columns, patches, valid=None):
+    columns = torch.tensor(columns)
+    valid = torch.ones(len(columns), dtype=torch.bool) if valid is None else torch.tensor(valid)
+    return Features(columns, torch.ones(len(columns)), torch.tensor(patches), valid)
+
+
+def test_best_partner_first_window_second():
+    """The best partner lies outside the window, so there is no match: not the second best inside."""
+    left = as_features([400], [[0.1, 0.5, 0.9]])
+    right = as_features([390, 300], [[0.1, 0.5, 0.9], [0.1, 0.5, 0.8]])
+    assert not match_features(left, right).valid.any()
+    right = as_features([390, 300], [[0.1, 0.5, 0.7], [0.1, 0.5, 0.8]])
+    found = match_features(left, right)
+    assert found.valid.all()
+    assert found.right.tolist() == [300]
+    assert found.error.tolist() == pytest.approx([0.01])
+
+
+@pytest.mark.parametrize(("right", "valid"), [(340, False), (339, True), (201, True), (200, False), (500, False)])
+def test_disparity_is_signed_and_its_window_open(right, valid):
+    patch = [[0.1, 0.5, 0.9]]
+    assert match_features(as_features([400], patch), as_features([right], patch)).valid.tolist() == [valid]
+
+
+def test_one_to_one():
+    left = as_features([400, 410], [[0.1, 0.5, 0.9], [0.1, 0.5, 0.8]])
+    right = as_features([300], [[0.1, 0.5, 0.88]])
+    assert match_features(left, right).valid.tolist() == [True, False]
+    assert match_features(left, right, MatchParams(one_to_one=False)).valid.tolist() == [True, True]
+
+
+def bumps(places, width=80, heights=(0.5, 0.4, 0.3)):
+    motion = torch.zeros(width)
+    for place, height in zip(places, heights, strict=False):
+        motion[place] = height
+    return motion
+
+
+def test_prediction_follows_and_extrapolates():
+    """Two bumps swap strength; the slots stay with the objects, at 2 pixels a row."""
+    steps = [bumps([20 + 2 * t, 60 - t], heights=(0.5, 0.4) if t % 2 else (0.4, 0.5)) for t in range(8)]
+    motion = torch.stack(steps)
+    params = FeatureParams(count=2, min_difference=0.0)
+    found, state = PredictedFeatures(params)(torch.rand(8, 80), motion)
+    first = found.column[0].tolist()
+    order = [first.index(20), first.index(60)]
+    assert found.column[:, order[0]].tolist() == [20 + 2 * t for t in range(8)]
+    assert found.column[:, order[1]].tolist() == [60 - t for t in range(8)]
+    assert (2 * state.last - state.before)[order[0]] == 36
+
+
+def test_prediction_reaches_three_pixels_and_refills():
+    row = torch.rand(2, 80)
+    near = PredictedFeatures(FeatureParams(count=1, min_difference=0.0))(
+        row, torch.stack([bumps([20]), bumps([23, 60], heights=(0.1, 0.5))])
+    )[0]
+    assert near.column[:, 0].tolist() == [20, 23]  # kept, though there is a stronger one
+    far = PredictedFeatures(FeatureParams(count=1, min_difference=0.0))(
+        row, torch.stack([bumps([20]), bumps([24, 60], heights=(0.1, 0.5))])
+    )[0]
+    assert far.column[:, 0].tolist() == [20, 60]  # lost, refilled from the whole row
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_prediction_keeps_the_spacing_and_chunks(seed):
+    row, motion = rows(seed, 2, 12, 60)
+    tracker = PredictedFeatures()
+    whole, _ = tracker(row, motion)
+    gaps = (whole.column.unsqueeze(-1) - whole.column.unsqueeze(-2)).abs() + torch.eye(5).long() * 99
+    assert gaps.min() > 3
+    state, columns = None, []
+    for a, b in zip(row.split(5, 1), motion.split(5, 1), strict=True):
+        part, state = tracker(a, b, state)
+        columns.append(part.column)
+    assert torch.equal(torch.cat(columns, 1), whole.column)
+    assert torch.equal(whole.column[:, 0], find_features(row[:, 0], motion[:, 0]).column)
