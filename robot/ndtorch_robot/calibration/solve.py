@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +39,20 @@ LEAST_COVERED = 35.0
 """Smallest share of the image, in percent, that the boards must have covered."""
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Threads of OpenCV add in any order; with one of them the same views give the same calibration."""
+    import cv2
+
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
+
+@one_thread()
 def calibrate(views: Sequence[View], board: Board, size: tuple[int, int], focal: float | None = None) -> Calibration:
     """Calibrate.
 
