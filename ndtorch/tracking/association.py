@@ -23,6 +23,8 @@ MIN_CONTAINMENT = 0.6
 """A blob of which this share lies in a track's box is a fragment of it."""
 MIN_AGE_S = 1.0
 """A track that was in sight for so many seconds is no fragment: those of one object merge and split all the time."""
+USUAL = 5
+"""The usual area of a track is the median of so many detections: noise merges with a small blob for one."""
 OCCLUSION_MIN_VISIBLE = 0.5
 """A track in a shared blob is hidden if there is room for less than this share of it."""
 
@@ -106,19 +108,20 @@ def pair_costs(
     Args:
         where: numbers of the blobs.
         color_cost: of a color difference of full scale.
-        limit: pairs of other areas, and of this cost or more, cost `NEVER`; no pair does if it is infinite.
+        limit: pairs of this cost or more, or of an area unlike the latest and the usual, cost `NEVER`; if it is
+            infinite, none does.
     """
     height = blobs.labels.shape[0]
     found = np.full((len(tracks), len(where)), NEVER)
     expected = [track.expected(time, p.max_prediction_s) for track in tracks]
     gates = [p.gate_sizes * track.size * (1 + GATE_GROWTH_PER_S * (time - track.last_seen)) for track in tracks]
-    pixels = [max(track.last[PIXELS], 1e-9) for track in tracks]
+    pixels = [(track.last[PIXELS], usual_pixels(track)) for track in tracks]
     for j, r in enumerate(where):
         top, left, bottom, right = blobs.boxes[r].tolist()
         row, column = (top + bottom) / 2 / height, (left + right) / 2 / height
         area, color = blobs.areas[r] / height**2, None
         for i, track in enumerate(tracks):
-            if limit < math.inf and not 1 / p.max_area_ratio < area / pixels[i] < p.max_area_ratio:
+            if limit < math.inf and not min(pixels[i]) / p.max_area_ratio < area < max(pixels[i]) * p.max_area_ratio:
                 continue
             value = math.hypot(row - expected[i][0], column - expected[i][1]) / gates[i]
             if value >= limit:
@@ -130,6 +133,11 @@ def pair_costs(
             if value < limit:
                 found[i, j] = value
     return found
+
+
+def usual_pixels(track: Track) -> float:
+    """Area of a track for the last `USUAL` detections, of the latest one for `MIN_AGE_S`."""
+    return float(np.median(track.path[-USUAL:, PIXELS])) if track.age > MIN_AGE_S else track.last[PIXELS]
 
 
 class Sharing(NamedTuple):

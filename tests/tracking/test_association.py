@@ -35,6 +35,19 @@ def test_what_was_lost_for_longer_is_looked_for_farther_away(lost_for: float, aw
     assert met.tracks == {0: [0] if found else []}
 
 
+@pytest.mark.parametrize(("age", "found"), [(2.0, True), (0.5, False)])
+def test_what_merged_with_noise_for_one_frame_is_found_again(age: float, found: bool) -> None:
+    """It had 100 pixels until four times as many were seen with it."""
+    one = track(1, 0.0, 0.3, 0.3)
+    for time, pixels in ((age - 0.12, 0.01), (age - 0.08, 0.01), (age - 0.04, 0.01), (age, 0.04)):
+        one.new_detections.append((time, *[0.0] * 6, pixels, 0.3, 0.3))
+    labels, met = np.zeros((100, 160), np.int32), Association({0: []}, {})
+    labels[25:35, 30:40] = 1
+    blobs, image = Blobs(labels, np.array([[25, 30, 35, 40]]), np.array([100])), np.zeros((3, 100, 160), np.float32)
+    assign_unmatched([one], met, blobs, image, age + 0.04, TrackingParams(color_cost=0.0))
+    assert met.tracks == {0: [0] if found else []}
+
+
 @pytest.mark.parametrize(("age", "seen", "parts"), [(0.5, [2], [1]), (1.5, [1, 2], [])])
 def test_a_young_object_that_meets_a_much_larger_one_was_a_part_of_it(
     age: float, seen: list[int], parts: list[int]
