@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -77,9 +78,9 @@ def unseen_cells(unknown: Bools, cell: float, radius: float) -> Floats:
 
 def downscale(values: npt.NDArray[np.generic], by: int) -> Floats:
     """The minimum of each square of cells."""
-    rows, columns = values.shape[0] // by * by, values.shape[1] // by * by
-    squares = values[:rows, :columns].reshape(rows // by, by, columns // by, by)
-    return np.asarray(squares.min((1, 3)), np.float32)
+    rows, columns = (n // by * by for n in values.shape)
+    parts = (values[row:rows:by, column:columns:by] for row in range(by) for column in range(by))
+    return np.asarray(reduce(np.minimum, parts), np.float32)
 
 
 def costmap(clear: Floats, unknown: Bools, params: PlannerParams, through: bool = True) -> Floats:
