@@ -77,7 +77,7 @@ class Entry:
     seed: int = 0
     robot: RobotTable | None = None
     movers: tuple[Mover, ...] = ()
-    plain_movers: bool = False
+    plain_cylinders: bool = False
 
 
 class Referee:
@@ -146,7 +146,7 @@ def attempt(entry: Entry) -> Attempt:
         rate=rate,
         body=body,
         movers=entry.movers,
-        plain_movers=entry.plain_movers,
+        plain_cylinders=entry.plain_cylinders,
     )
     try:
         age, floor = limits.age, runner.fields

@@ -65,7 +65,7 @@ def arc(world: World, met: Floats, heading: float, bend: float, way: int) -> Flo
     points: Floats = met + (s * np.sinc(bend * s / 2 / math.pi))[:, None] * np.stack(
         (np.cos(turned), np.sin(turned)), 1
     )
-    stand, (left, right, bottom, top) = np.array(world.cylinders), world.plan().bounds
+    stand, (left, right, bottom, top) = np.array(world.cylinders), world.bounds
     inside = np.array([(left + AROUND / 2, bottom + AROUND / 2), (right - AROUND / 2, top - AROUND / 2)])
     free = np.hypot(*(points[:, None] - stand).transpose(2, 0, 1)).min(1) > world.radius + MOVING_RADIUS
     free &= np.hypot(*(points - np.array(world.start[:2])).T) > 1.5

@@ -58,10 +58,15 @@ class World:
         optimal = self.path / OPTIMAL_SPEED
         return optimal / min(max(seconds, 2 * optimal), 8 * optimal)
 
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top of the hall, m."""
+        xs, ys = zip(*self.cylinders, self.start[:2], self.goal, strict=True)
+        return min(xs) - AROUND, max(xs) + AROUND, min(ys) - AROUND, max(ys) + AROUND
+
     def plan(self) -> Plan:
         """The cylinders in a hall."""
-        xs, ys = zip(*self.cylinders, self.start[:2], self.goal, strict=True)
-        left, right, bottom, top = min(xs) - AROUND, max(xs) + AROUND, min(ys) - AROUND, max(ys) + AROUND
+        left, right, bottom, top = self.bounds
         hall = ring([(left, bottom), (right, bottom), (right, top), (left, top)])
         solids = tuple(cylinder(x, y, self.radius, self.height) for x, y in self.cylinders)
         return Plan(f"barn-{self.number}", hall, solids, self.start)

@@ -48,7 +48,7 @@ class Barn:
     """The car drives at this speed where nothing is in its path, m/s; no robot exceeds that of its table [body]."""
     moving_cylinders: int = 0
     """This number of cylinders moves to and fro at .2 to .8 m/s, and meets the car from ahead, beside and behind."""
-    plain: bool = False
+    plain_cylinders: bool = False
     """Moving cylinders are in plain checks, not textured as those that stand."""
     seed: int = 0
     """Seed of the textures of cylinders and floor, and of moving cylinders."""
@@ -108,7 +108,7 @@ class Barn:
         given = {k: v for k, v in asdict(self).items() if k in OPTION_NAMES and v is not None and v is not False}
         robot = None if self.robot is None else read_robot(self.robot)[0]
         movers = moving_cylinders(world, self.moving_cylinders, self.seed)
-        return Entry(world, options_of(given), self.seed, robot, movers, self.plain)
+        return Entry(world, options_of(given), self.seed, robot, movers, self.plain_cylinders)
 
     def write(self, worlds: Sequence[World], made: Sequence[Attempt], out: Path) -> str:
         from ndtorch.report.plots.layout import save
@@ -117,7 +117,7 @@ class Barn:
         from ndtorch_robot.evaluation.plots import barn_plot
 
         missing = f"; {len(worlds) - len(made)} of {len(worlds)} worlds are missing" * (len(made) < len(worlds))
-        plain = " plain" * self.plain
+        plain = " plain" * self.plain_cylinders
         moving = f", {self.moving_cylinders}{plain} moving cylinders" * (self.moving_cylinders > 0)
         note = f"Controller {self.controller}, {self.split} worlds{moving}, seed {self.seed}{missing}."
         text = table(made, note)

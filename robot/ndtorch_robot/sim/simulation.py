@@ -103,7 +103,7 @@ class Simulation(Drive):
         rate: frames a second of the cameras.
         body: of the robot.
         movers: cylinders that move.
-        plain_movers: they are in plain coarse checks instead of the texture of pillars.
+        plain_cylinders: they are in plain coarse checks instead of the texture of pillars.
 
     Raises:
         InputError: a plan where the robot does not fit.
@@ -124,14 +124,14 @@ class Simulation(Drive):
         rate: float = 30.0,
         body: Body = BODY,
         movers: Sequence[Mover] = (),
-        plain_movers: bool = False,
+        plain_cylinders: bool = False,
     ) -> None:
         import mujoco
 
         self.plan, self.rig, self.odometry, self.pedestrian = plan, rig, odometry, pedestrian
         self.disturbances, self.rate, self.body = disturbances, rate, body
         self.movers = tuple(movers)
-        self.world = build(plan, seed, walls, pedestrian, rig, body, len(self.movers), plain_movers)
+        self.world = build(plan, seed, walls, pedestrian, rig, body, len(self.movers), plain_cylinders)
         self.data = mujoco.MjData(self.world.model)
         self.begin(seed)
         self.cameras = Cameras(self.world.model, rig, fields, full_frames, disturbances.camera())
