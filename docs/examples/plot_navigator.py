@@ -25,7 +25,7 @@ from ndtorch_robot.sim.simulation import RIG, Simulation
 # %%
 # The images of this example: a simulated car stands still for a moment, then drives straight on through a hallway.
 folder = Path(tempfile.mkdtemp())
-world = Simulation(load_arena("hallway"), seed=4, whole=True)
+world = Simulation(load_arena("hallway"), seed=4, full_frames=True)
 drive = SafeDrive(world, clock=world)
 for camera in ("left", "right"):
     (folder / camera).mkdir()
