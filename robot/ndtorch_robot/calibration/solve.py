@@ -52,7 +52,6 @@ def one_thread() -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
-@one_thread()
 def calibrate(views: Sequence[View], board: Board, size: tuple[int, int], focal: float | None = None) -> Calibration:
     """Calibrate.
 
@@ -73,30 +72,31 @@ def calibrate(views: Sequence[View], board: Board, size: tuple[int, int], focal:
     if len(views) < LEAST_VIEWS:
         raise InputError(f"{LEAST_VIEWS} pairs that show the whole board are needed, got {len(views)}")
     try:
-        views = without_outliers(views, board, size)
-        objects = [board.points] * len(views)
-        corners = [[view.left for view in views], [view.right for view in views]]
-        single = [one_camera(objects, points, size) for points in corners]
-        tilt = min(one.tilt for one in single)
-        if not tilt > HOPELESS:
-            raise InputError(
-                f"nothing can be told from boards that all face the same way (within {tilt:.0f} degrees): "
-                f"tilt the board by 30 degrees this way and that"
+        with one_thread():
+            views = without_outliers(views, board, size)
+            objects = [board.points] * len(views)
+            corners = [[view.left for view in views], [view.right for view in views]]
+            single = [one_camera(objects, points, size) for points in corners]
+            tilt = min(one.tilt for one in single)
+            if not tilt > HOPELESS:
+                raise InputError(
+                    f"nothing can be told from boards that all face the same way (within {tilt:.0f} degrees): "
+                    f"tilt the board by 30 degrees this way and that"
+                )
+            pair, *_, rotation, translation, _, _, _, _, _ = cv2.stereoCalibrateExtended(
+                objects,
+                corners[0],
+                corners[1],
+                single[0].lens.matrix,
+                single[0].lens.coefficients,
+                single[1].lens.matrix,
+                single[1].lens.coefficients,
+                size,
+                np.eye(3),
+                np.zeros(3),
+                flags=cv2.CALIB_FIX_INTRINSIC,
+                criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9),
             )
-        pair, *_, rotation, translation, _, _, _, _, _ = cv2.stereoCalibrateExtended(
-            objects,
-            corners[0],
-            corners[1],
-            single[0].lens.matrix,
-            single[0].lens.coefficients,
-            single[1].lens.matrix,
-            single[1].lens.coefficients,
-            size,
-            np.eye(3),
-            np.zeros(3),
-            flags=cv2.CALIB_FIX_INTRINSIC,
-            criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9),
-        )
     except cv2.error as error:
         raise InputError(f"these views cannot be calibrated: {str(error).splitlines()[-1].strip()}") from None
     lenses = (single[0].lens, single[1].lens)
