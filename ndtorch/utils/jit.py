@@ -13,7 +13,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
-from functools import cache, cached_property, update_wrapper
+from functools import cache, cached_property, partial, update_wrapper
 from pathlib import Path
 from typing import Any, Generic, TypeVar, overload
 
@@ -63,9 +63,11 @@ class JitFunction(Generic[R]):
         before = config.CACHE_DIR
         try:
             config.CACHE_DIR = str(self.folder or "")
-            return self.compiler(cache=self.folder is not None)
+            made = self.compiler(cache=self.folder is not None)
         finally:
             config.CACHE_DIR = before
+        made.compile = partial(self.load_or_compile, made.compile)
+        return made
 
     @cached_property
     def callee(self) -> Any:
@@ -83,18 +85,23 @@ class JitFunction(Generic[R]):
         return numba.njit(nogil=True, error_model="numpy", fastmath=fastmath, **options)(self.function)
 
     def first_call(self, *args: Any) -> R:
-        """One process compiles, the others wait for it. Where nothing can be written, nothing is kept."""
+        self.run = self.dispatcher
+        return self.run(*args)
+
+    def load_or_compile(self, compile: Callable[[Any], Any], signature: Any) -> Any:
+        """Machine code for arguments of new types.
+
+        One process writes files at a time, since all signatures of a function share an index: the others wait. Files
+        that are damaged are deleted and made anew. Where nothing can be written, nothing is kept.
+        """
         try:
             with locked(self.folder, self.function.__qualname__):
-                out = self.load_or_compile(args)
+                return self.keep(compile, signature)
         except OSError:
-            self.dispatcher = self.compiler()
-            out = self.dispatcher(*args)
-        self.run = self.dispatcher
-        return out
+            self.run = self.dispatcher = self.compiler()
+            return self.dispatcher.compile(signature)
 
-    def load_or_compile(self, args: tuple[Any, ...]) -> R:
-        """Files that are damaged are deleted and made anew."""
+    def keep(self, compile: Callable[[Any], Any], signature: Any) -> Any:
         kept, name = self.files(), self.function.__qualname__
         if not kept:
             announce()
@@ -102,18 +109,17 @@ class JitFunction(Generic[R]):
         try:
             if not all(map(is_intact, kept)):
                 raise ValueError("damaged")
-            out: R = self.dispatcher(*args)
+            code = compile(signature)
         except Exception as error:
             if not kept or isinstance(error, OSError):
                 raise
             for file in kept:
                 file.unlink(missing_ok=True)
-            self.__dict__.pop("dispatcher", None)
-            out = self.dispatcher(*args)
-            warnings.warn(f"the compiled code of {name} in {self.folder} was damaged and is replaced", stacklevel=4)
+            code = compile(signature)
+            warnings.warn(f"the compiled code of {name} in {self.folder} was damaged and is replaced", stacklevel=6)
         for file in self.files():
             seal(file)
-        return out
+        return code
 
     def files(self) -> list[Path]:
         """What Numba keeps of this function."""

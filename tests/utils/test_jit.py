@@ -10,8 +10,10 @@ import os
 import shutil
 import stat
 import sys
+import threading
 import warnings
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -19,7 +21,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from ndtorch.utils.cache_folder import locked, own_files, private_folder, remove_stale
+from ndtorch.utils.cache_folder import locked, log, own_files, private_folder, remove_stale
 from ndtorch.utils.jit import announce, code_folder, compiling_beside, jit
 from ndtorch.utils.selection import median
 
@@ -95,6 +97,19 @@ def test_code_that_numba_writes_again_is_not_damaged(kept: Path) -> None:
             (index,) = (kept / "cache").rglob("*total*.nbi")
             if process % 2:
                 index.unlink()
+
+
+def test_one_process_writes_at_a_time_for_every_signature(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sums, waits = load(kept), threading.Event()
+    assert sums.total(np.ones(3)) == 6
+    monkeypatch.setattr(log, "info", lambda *_: waits.set())
+    with ThreadPoolExecutor() as threads:
+        with locked(sums.total.folder, "total"):
+            other = threads.submit(sums.total, np.ones(3, np.float32))
+            assert waits.wait(60)
+            assert len(list((kept / "cache").rglob("*total*.nbc"))) == 1
+        assert other.result() == 6
+    assert len(list((kept / "cache").rglob("*total*.nbc"))) == 2
 
 
 @pytest.mark.parametrize("change", [("SCALE = 2.0", "SCALE = 3.0"), ("SCALE * x", "SCALE * x + 1")])
