@@ -142,10 +142,11 @@ class Navigator(nn.Module):
         looks = near_check and self.backend == "numba" and self.controller.checks_near
         searching = StereoRanging(rig, dt, angles=angles, search=how) if search is None else None
         fields = self.controller.fields
-        near = ProximityCheck(rig, fields)
+        near, unit_m = ProximityCheck(rig, fields), 1.0
         if body is not None:
-            near = ProximityCheck(rig_in_units(rig, body.unit_m), fields, proximity_params(rig, body))
-        self.near = ProximitySchedule(near, searching) if looks else None
+            unit_m = body.unit_m
+            near = ProximityCheck(rig_in_units(rig, unit_m), fields, proximity_params(rig, body))
+        self.near = ProximitySchedule(near, searching, unit_m) if looks else None
 
     def extra_repr(self) -> str:
         """The backend."""
@@ -290,7 +291,7 @@ class Navigator(nn.Module):
         def complete() -> NavigatorState:
             at, after = located, control
             if near is not None:
-                after = near.while_standing(controller, after, last, here, left, right, begins)
+                after = near.while_standing(controller, after, last, here, left, right, ranges, begins)
                 after = near.while_driving(controller, after, here, (left.row, right.row))
             if self.localiser is not None and not controller.has_goals:
                 at = self.locate(left.row, right.row, pose, at)

@@ -38,7 +38,7 @@ from ndtorch.navigation.controllers.ranging.spin import turn_on_spot
 from ndtorch.navigation.local_grid.grid import LocalGridParams
 from ndtorch.navigation.odometry import to_world
 from ndtorch.navigation.options import OPTION_NAMES, options_of
-from ndtorch.navigation.proximity import Obstacles
+from ndtorch.navigation.proximity.stereo_match import NOWHERE, Obstacles, ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch_robot.navigator_options import described
 from ndtorch_robot.ports import DriveCommand
@@ -121,7 +121,7 @@ def test_a_differential_drive_turns_on_the_spot_where_others_back() -> None:
         seen = state.grid._replace(evidence=np.full_like(state.grid.evidence, -2.0))
         state = state._replace(floor=floor, grid=seen, mode=CRUISE)
         blocked = Obstacles(np.full_like(wall, 0.52), wall)
-        state = control.on_near_obstacles(state, pose, blocked, blocked, True)
+        state = control.on_near_obstacles(state, pose, ProximityScan(blocked, True, blocked, NOWHERE))
         cells = np.zeros((4, control.params.floor.bands, control.params.floor.blocks), np.float32)
         nothing = Ranges(*[np.zeros(1, np.float32)] * 5, np.zeros(1, bool))
         command, state = control.step(cells, nothing, pose, Command(0.0, 0.0), state)

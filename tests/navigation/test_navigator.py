@@ -22,14 +22,13 @@ from ndtorch.navigation import (
     cut_strips,
 )
 from ndtorch.navigation.controllers.published import SubfieldMotion
-from ndtorch.navigation.proximity.stereo_match import Obstacles
+from ndtorch.navigation.proximity.stereo_match import NOWHERE, ProximityScan
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from tests.compilers import compiles
 
 DT = 1 / 30
 RIG = StereoRig(width=320, height=240, focal=215.0)
 FIELDS = RIG.subfields()
-NOTHING = np.zeros((2, 0), np.float32)
 
 
 def frames(seed, *batch, steps=8, channels=3, shift=3):
@@ -189,9 +188,8 @@ def test_a_controller_that_plans_in_what_it_saw_long_ago_counts_by_what_is_seen_
 def test_a_car_that_begins_stands_until_it_has_checked_what_is_near(monkeypatch):
     frame = torch.zeros(1, 3, RIG.height, RIG.width, dtype=torch.uint8)
     navigator = Navigator(RIG, DT, controller="ranging")
-    checked = []
-    monkeypatch.setattr(navigator.near, "check", lambda *given: checked.append(given) or (Obstacles(*NOTHING), True))
-    monkeypatch.setattr(navigator.near.check, "across", Obstacles(*NOTHING), raising=False)
+    checked, nothing = [], ProximityScan(NOWHERE, True, NOWHERE, NOWHERE)
+    monkeypatch.setattr(navigator.near, "check", lambda *given: checked.append(given) or nothing)
     step = navigator.controller.step
     monkeypatch.setattr(navigator.controller, "step", lambda *given: (Command(0.3, 0.0), step(*given)[1]))
     command, complete = navigator.command_first(frame, frame)

@@ -9,6 +9,7 @@ import torch
 from ndtorch.navigation import Command, Navigator, Ranges, StereoRig
 from ndtorch.navigation.proximity import floor_consistency
 from ndtorch.navigation.proximity._kernels import NEIGHBOURS, NO_MATCH, match_rows
+from ndtorch.navigation.proximity.check import ProximityCheck
 from ndtorch.navigation.proximity.floor_consistency import floor_correlation, reject_unoccluded
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.proximity.stereo_match import Obstacles, detect_obstacles
@@ -179,7 +180,7 @@ def left_of(depth, y, seen=OPEN, count=6):
     return len(reject_unoccluded(near, *seen, RECTS, RIG, ProximityParams()).x)
 
 
-@pytest.mark.parametrize(("depth", "y"), [(0.35, 0.0), (0.45, -0.1), (0.45, 0.2), (0.88, -0.14)])
+@pytest.mark.parametrize(("depth", "y"), [(0.35, 0.0), (0.45, -0.1), (0.45, 0.2), (0.7, 0.1), (0.88, -0.14)])
 def test_what_would_hide_the_floor_that_is_seen_is_not_there(depth, y):
     assert left_of(depth, y) == 0
     assert left_of(depth, y, count=1) == 0
@@ -187,16 +188,53 @@ def test_what_would_hide_the_floor_that_is_seen_is_not_there(depth, y):
     assert left_of(depth, y, count=12) == 12  # what hangs hides none
 
 
-def test_things_that_would_hide_little_of_the_floor_stay():
-    assert left_of(0.7, 0.0) == 6
-    assert left_of(0.88, 0.25) == 6
-    assert left_of(0.35, 0.0, count=0) == 0
+def ranged(depth, y, count=1):
+    return Obstacles(np.full(count, RIG.forward + depth, np.float32), y + 0.2 * np.arange(count, dtype=np.float32))
+
+
+@pytest.mark.parametrize(
+    ("wall", "ranges", "count"),
+    [
+        (3.0, ranged(0.7, 0.0), 1),
+        (3.0, ranged(0.45, -0.1), 1),
+        (3.0, ranged(0.7, -0.1, 2), 0),  # two agree
+        (3.0, ranged(2.0, 0.0), 0),
+        (0.9, ranged(0.7, 0.0), 0),  # no floor is seen
+    ],
+)
+def test_one_near_range_behind_which_floor_is_seen_is_a_mismatch(wall, ranges, count):
+    left, right = (eye[0] for eye in pair(wall))
+    check = ProximityCheck(RIG, RECTS)
+    assert len(check((left, right), (left, right), ranges).mismatches.x) == count
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_mismatch_does_not_hold_a_car_that_would_begin(monkeypatch, count):
+    """The same false ranges in every frame, before open floor."""
+    navigator, (left, right) = Navigator(RIG, DT), pair(3.0)
+    false, ranging = ranged(0.7, -0.1, count), navigator.range
+
+    def ranged_falsely(*given):
+        ranges, filters = ranging(*given)
+        x, y, valid = ranges.x.copy(), ranges.y.copy(), np.arange(len(ranges.x)) < count
+        x[:count], y[:count] = false
+        return ranges._replace(x=x, y=y, valid=valid), filters
+
+    monkeypatch.setattr(navigator, "range", ranged_falsely)
+    state, still = None, Command(torch.zeros(1), torch.zeros(1))
+    with torch.inference_mode():
+        for _ in range(8):
+            command, state = navigator(left, right, state, still)
+    assert (float(command.speed) > 0) == (count == 1)
 
 
 def test_one_thing_that_cannot_be_takes_no_other_with_it():
+    """Floor is open behind the first, and broken behind the second."""
     x = RIG.forward + np.repeat(np.float32([0.45, 0.7]), 5)
-    near = Obstacles(x, np.repeat(np.float32([0.0, 0.1]), 5))
-    kept = reject_unoccluded(near, *OPEN, RECTS, RIG, ProximityParams())
+    near, (left, right) = Obstacles(x, np.repeat(np.float32([-0.1, 0.1]), 5)), OPEN
+    middle = left.shape[1] // 2
+    broken = np.where(np.arange(left.shape[1]) < middle, SHUT[0], left)
+    kept = reject_unoccluded(near, broken, right, RECTS, RIG, ProximityParams())
     assert np.allclose(kept.x, RIG.forward + 0.7)
 
 

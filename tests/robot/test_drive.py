@@ -99,7 +99,7 @@ def test_map_of_one_pass_of_the_hallway(seed, options, recall):
     assert score["recall"] >= recall
     assert score["position_error_cm"] <= (3.0 if options else 1.5)
     assert score["spacing_error_percent"] <= 1.2
-    found, true = against_truth(result, 3.0 if "places" in options else 0.5)
+    found, true = against_truth(result, 3.0 if "feature_position" in options else 0.5)
     assert (found > 0).all()
     error = found / true - 1
     good = np.abs(error) < 0.25

@@ -11,7 +11,7 @@ from torch import nn
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.proximity.stereo_match import Obstacles
+from ndtorch.navigation.proximity.stereo_match import Obstacles, ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 
@@ -200,17 +200,13 @@ class Controller(nn.Module, ABC):
     def difference(self, state: Any) -> Any:
         """What it weighs: positive where the car should rather turn left. `trace` says what it is."""
 
-    def on_near_obstacles(
-        self, state: Any, pose: Pose, obstacles: Obstacles, across: Obstacles, floor_seen: bool
-    ) -> Any:
+    def on_near_obstacles(self, state: Any, pose: Pose, scan: ProximityScan) -> Any:
         """The state of one standing car after a proximity check.
 
         Args:
             state: before.
             pose: of the car.
-            obstacles: that are near.
-            across: a line across the path: an obstacle is assumed there where no floor is seen.
-            floor_seen: right ahead.
+            scan: what was found.
         """
         return state
 

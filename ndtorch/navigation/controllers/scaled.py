@@ -15,7 +15,7 @@ from ndtorch.navigation.controllers.contract import Command, Controller, Sensing
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams
 from ndtorch.navigation.controllers.registry import controller_class
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.proximity.stereo_match import Obstacles
+from ndtorch.navigation.proximity.stereo_match import Obstacles, ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 
@@ -132,11 +132,9 @@ class ScaledController(Controller):
         difference = self.inner.difference(state)
         return difference * self.unit if self.inner.trace.unit == "m" else difference
 
-    def on_near_obstacles(
-        self, state: Any, pose: Pose, obstacles: Obstacles, across: Obstacles, floor_seen: bool
-    ) -> Any:
-        """As `Controller.on_near_obstacles`, with obstacles in units."""
-        return self.inner.on_near_obstacles(state, self.in_units(pose), obstacles, across, floor_seen)
+    def on_near_obstacles(self, state: Any, pose: Pose, scan: ProximityScan) -> Any:
+        """As `Controller.on_near_obstacles`, with the scan in units."""
+        return self.inner.on_near_obstacles(state, self.in_units(pose), scan)
 
     def sensing_requests(self, state: Any) -> SensingRequest:
         """As `Controller.sensing_requests`."""

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ndtorch.arguments import check_numbers, renamed_fields
 from ndtorch.errors import InputError
 from ndtorch.navigation.local_grid._kernels import POSES, DrivenPath, LocalGrid, cell_index, tags
+from ndtorch.navigation.proximity.stereo_match import ProximityScan
 
 Floats = npt.NDArray[Any]
 
@@ -79,27 +80,27 @@ def mark_obstacles(
 def mark_stop(
     grid: LocalGrid,
     pose: tuple[float, float, float],
-    obstacles: tuple[Floats, Floats],
-    across: tuple[Floats, Floats],
-    floor_seen: bool,
+    scan: ProximityScan,
     blocked: float,
     params: LocalGridParams,
 ) -> LocalGrid:
-    """The grid after a proximity check of a standing car: obstacles block at once, and so does a line across the path
-    where no floor is seen.
+    """The grid after a proximity check of a standing car.
+
+    Obstacles block at once, and so does a line across the path where no floor is seen; mismatches do not.
 
     Args:
-        obstacles, across: x and y of places, body frame, m.
         blocked: evidence from which a cell blocks.
     """
-    evidence = grid.evidence.copy()
+    evidence, raised = grid.evidence.copy(), grid.raised.copy()
     cells, full = evidence.reshape(-1), np.float32(blocked + 0.1)
-    ahead = cells_at(pose, *across, params)
-    cells[ahead] = np.minimum(cells[ahead], 0) if floor_seen else np.maximum(cells[ahead], full)
-    if len(obstacles[0]):
-        found = cells_at(pose, *obstacles, params)
-        cells[found] = np.maximum(cells[found], full)
-    return grid._replace(evidence=evidence)
+    ahead, none = cells_at(pose, *scan.across, params), cells_at(pose, *scan.mismatches, params)
+    cells[ahead] = np.minimum(cells[ahead], 0) if scan.floor_seen else np.maximum(cells[ahead], full)
+    for layer in (cells, raised.reshape(-1)):
+        if layer.size:
+            layer[none] = np.minimum(layer[none], 0)
+    found = cells_at(pose, *scan.obstacles, params)
+    cells[found] = np.maximum(cells[found], full)
+    return grid._replace(evidence=evidence, raised=raised)
 
 
 def cells_at(pose: tuple[float, float, float], x: Floats, y: Floats, params: LocalGridParams) -> npt.NDArray[np.int32]:

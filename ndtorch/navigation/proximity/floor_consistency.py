@@ -71,8 +71,6 @@ def reject_unoccluded(
 ) -> Obstacles:
     """Obstacles without those behind which floor is seen.
 
-    Only those nearer than `floor_check_depth_m`, or in the middle of the compared floor, can be rejected.
-
     Args:
         obstacles: in the body frame.
         left, right: subfields `[h, w]` in 0..1.
@@ -87,10 +85,8 @@ def reject_unoccluded(
     gap = (np.diff(column[order]) > GAP_PX) | (np.abs(np.diff(depth[order])) > 0.15 * depth[order][1:])
     kept = np.ones(len(obstacles.x), bool)
     for group in np.split(order, np.flatnonzero(gap) + 1):
-        far, aside = float(np.median(depth[group])), float(np.abs(np.median(obstacles.y[group])))
-        if far < p.floor_check_depth_m or (far >= p.floor_min_depth_m and aside <= p.floor_half_width_m):
-            ends = (int(column[group].min()), int(column[group].max()))
-            kept[group] = correlation_behind(far, ends, left, right, rects, rig) < p.unbroken_correlation
+        far, ends = float(np.median(depth[group])), (int(column[group].min()), int(column[group].max()))
+        kept[group] = correlation_behind(far, ends, left, right, rects, rig) < p.unbroken_correlation
     return Obstacles(obstacles.x[kept], obstacles.y[kept])
 
 

@@ -19,7 +19,6 @@ class ProximityParams:
         half_width_m: Obstacles farther to the side of the car's middle than this are ignored.
         min_support: An obstacle needs this many neighbouring columns of the same depth.
         mismatch_max_places: This many places or more are kept even if the floor seems to be unbroken.
-        floor_check_depth_m: Obstacles up to this depth are dropped if floor is seen behind them.
         min_floor_correlation: Both cameras see one floor from this correlation on.
         unbroken_correlation: The floor has no obstacle on it from this correlation on.
         floor_min_depth_m: The floor ahead is compared from this depth on.
@@ -37,7 +36,6 @@ class ProximityParams:
     half_width_m: float = 0.3
     min_support: int = 5
     mismatch_max_places: int = 12
-    floor_check_depth_m: float = 0.6
     min_floor_correlation: float = 0.7
     unbroken_correlation: float = 0.95
     floor_min_depth_m: float = 0.8

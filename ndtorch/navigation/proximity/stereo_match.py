@@ -12,13 +12,13 @@ from ndtorch.navigation.proximity._kernels import Floats, Indices, match_rows
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.stereo.rig import StereoRig
 
-PATCH_HALF = 8
+PATCH_HALF = 6
 """Columns of a shrunk row that are compared to either side of a place."""
 
 FOCAL, MIN_FOCAL = 215.0, 160.0
 """Focal length of shrunk rows, pixels: what is near is coarse. Rows of a shorter one than the second are not shrunk."""
 
-UNIQUENESS_RATIO = 0.6
+UNIQUENESS_RATIO = 0.7
 """A match must differ by less than this share of the best one elsewhere."""
 
 MIN_TEXTURE = 0.003
@@ -33,6 +33,25 @@ class Obstacles(NamedTuple):
 
     x: Floats
     y: Floats
+
+
+class ProximityScan(NamedTuple):
+    """What a proximity check finds, in the body frame.
+
+    Attributes:
+        obstacles: that are near.
+        floor_seen: whether floor is seen right ahead.
+        across: a line across the path: an obstacle is assumed there where no floor is seen.
+        mismatches: places of ranges behind which floor is seen.
+    """
+
+    obstacles: Obstacles
+    floor_seen: bool
+    across: Obstacles
+    mismatches: Obstacles
+
+
+NOWHERE = Obstacles(np.zeros(0, np.float32), np.zeros(0, np.float32))
 
 
 def reject_mismatches(obstacles: Obstacles, correlation: float, rig: StereoRig, params: ProximityParams) -> Obstacles:
@@ -64,9 +83,8 @@ def detect_obstacles(left: Floats, right: Floats, rig: StereoRig, params: Proxim
     low = max(2, math.floor(focal * rig.baseline / p.max_depth_m))
     high = min(width - size - 1, math.ceil(focal * rig.baseline / p.min_depth_m))
     first = max(1, math.floor(focal * rig.baseline / p.far_m))
-    none = np.zeros(0, np.float32)
     if high <= low:
-        return Obstacles(none, none)
+        return NOWHERE
     best, back, cost, elsewhere = match_rows(left, right, first, high, PATCH_HALF)
     columns, disparity, mutual = np.arange(width), best + first, np.abs(back - best) <= 2
     steps = np.abs(np.diff(left, prepend=left[:1]))

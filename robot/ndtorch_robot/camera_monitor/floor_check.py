@@ -88,10 +88,10 @@ def measure_floor(read: Callable[[], StereoFrames], rig: StereoRig, rate: float,
         level = moved_level(control, ours, theirs, rig)
         share = known_share(FloorState(level, still, 2**31), control.tables.floor)
         fields, rows = (ours.field[0], theirs.field[0]), (ours.row[0], theirs.row[0])
-        things, ahead = ProximityCheck(rig, control.fields)(fields, rows)
-    near = float(things.x.min()) if len(things.x) else None
+        scan = ProximityCheck(rig, control.fields)(fields, rows)
+    near = float(scan.obstacles.x.min()) if len(scan.obstacles.x) else None
     noisy = still > control.params.min_noise_output
-    return FloorFound(float(share), float(speed_share(share)), still, noisy, ahead, near)
+    return FloorFound(float(share), float(speed_share(share)), still, noisy, scan.floor_seen, near)
 
 
 def moved_level(control: RangingControl, left: Strips, right: Strips, rig: StereoRig) -> Any:

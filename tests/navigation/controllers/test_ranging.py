@@ -96,6 +96,21 @@ def test_drives_straight_over_open_floor():
     assert (commands[:, 1] == 0).all()
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("seen_from_m", [0.03, 0.06, 0.1])
+def test_a_post_that_is_seen_only_while_the_floor_is_learned_is_not_touched(side, seen_from_m):
+    """A post at a front corner leaves the view before the car has learned its floor."""
+    post = np.array([[0.64], [side * 0.17]])
+
+    def ranged(pose):
+        return seen_from(pose, post if 0 <= pose.x - seen_from_m < 0.05 else np.array([[9.0], [9.0]]))
+
+    poses, _, modes = run(open_floor, 300, ranges=ranged)
+    x, y = np.stack([seen_from(Pose(*pose), post)[:, 0] for pose in poses]).T
+    assert not ((np.abs(x) < 0.25) & (np.abs(y) < 0.18)).any()
+    assert next(mode for mode in modes if mode != SUPPRESSED) != STOPPED  # to begin again would bring it nearer
+
+
 def half_hidden(side):
     """After a second the floor of one side ends 0.8 m ahead."""
 

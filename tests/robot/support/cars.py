@@ -6,6 +6,7 @@ import torch
 from ndtorch.navigation import Pose, StereoRig
 from ndtorch.navigation.local_grid.grid import mark_stop
 from ndtorch.navigation.options import NavigatorOptions
+from ndtorch.navigation.proximity.stereo_match import NOWHERE, Obstacles, ProximityScan
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Drive, DriveCommand, Step, StereoFrames, unseal
 from ndtorch_robot.run import make_car
@@ -71,9 +72,6 @@ def bare_loop(car, rig, observers=None, **navigation):
     return make_car(config, car, rig, car, car, lambda line: None, True, observers or [], near_check=False)
 
 
-NONE = (np.zeros(0, np.float32), np.zeros(0, np.float32))
-
-
 def known_step(pose=(1.0, 2.0, 0.3), places=((0.8, 0.4), (-0.5, -0.6)), driven=(0.4, 0.5), grid=None):
     """A step of a car at a pose that knows of obstacles at places of its body frame, m; and its runner."""
     runner = NavigatorRunner(NavigatorOptions(), StereoRig(forward=0.15), 30.0, grid)
@@ -85,7 +83,9 @@ def known_step(pose=(1.0, 2.0, 0.3), places=((0.8, 0.4), (-0.5, -0.6)), driven=(
     local = control.grid._replace(
         evidence=np.zeros_like(control.grid.evidence), raised=np.zeros_like(control.grid.raised)
     )
-    local = mark_stop(local, pose, (x, y), NONE, False, params.blocked_evidence, params.grid)
+    local = mark_stop(
+        local, pose, ProximityScan(Obstacles(x, y), False, NOWHERE, NOWHERE), params.blocked_evidence, params.grid
+    )
     control = control._replace(grid=local)
     runner.state = runner.state._replace(control=control, pose=Pose(*pose))
     command = DriveCommand(*driven)

@@ -44,7 +44,7 @@ from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.planning.costmap import clearance
 from ndtorch.navigation.planning.path_tracking import pure_pursuit, seen_length, speed_towards
 from ndtorch.navigation.planning.planner import goal_costs, plan
-from ndtorch.navigation.proximity.stereo_match import Obstacles
+from ndtorch.navigation.proximity.stereo_match import ProximityScan
 from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
@@ -172,12 +172,9 @@ class GoalControl(Controller):
             command, reactive = spun(command, reactive, pose, spin, t)
         return command, state._replace(reactive=reactive)
 
-    def on_near_obstacles(
-        self, state: GoalState, pose: Pose, obstacles: Obstacles, across: Obstacles, floor_seen: bool
-    ) -> GoalState:
+    def on_near_obstacles(self, state: GoalState, pose: Pose, scan: ProximityScan) -> GoalState:
         """As `RangingControl.on_near_obstacles`."""
-        reactive = self.reactive.on_near_obstacles(state.reactive, pose, obstacles, across, floor_seen)
-        return state._replace(reactive=reactive)
+        return state._replace(reactive=self.reactive.on_near_obstacles(state.reactive, pose, scan))
 
     def on_pose(self, state: GoalState, pose: Pose, place: Pose | None, sigma: float = 0.0) -> GoalState:
         """As `Controller.on_pose`: goals are where the car is told that it is, not where dead reckoning has them.

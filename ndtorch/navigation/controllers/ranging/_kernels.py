@@ -292,7 +292,7 @@ SETTLED = 0.95
 """Noise that falls below so much of what it was a step before has not settled yet."""
 
 START_GOES_ON = 0.65
-"""A car that has begun to learn its floor goes on with this share of `start_needs`: it drives 0.2 m meanwhile."""
+"""A car that has begun learns its floor while this share of `start_needs` is free: it drives 0.2 m meanwhile."""
 
 
 @jit(exact=True)
@@ -315,11 +315,14 @@ def limit(
     if share >= 1 and not learning:
         return speed, curvature, state
     stands = share <= 0 or (share < 1 and floor.noise < SETTLED * noise)
-    if learning:
-        # Who has begun comes nearer to what is ahead while it learns: it shall not stand there again, and for good.
-        begun = floor.age > p.standing + 1
-        if ahead < (START_GOES_ON if begun else 1.0) * tables.decision[0].start_needs:
-            floor, stands = FloorState(np.zeros_like(floor.level), floor.noise, min(floor.age, p.standing)), True
+    # What comes near while the car learns ends that: to stand before it, and begin again, would bring the car nearer.
+    begun = floor.age > p.standing + 1 and floor.level.min() > 0
+    if learning and ahead < (START_GOES_ON if begun else 1.0) * tables.decision[0].start_needs:
+        if begun:
+            floor = FloorState(floor.level, floor.noise, p.learning + 1)
+        else:
+            age = floor.age if floor.age <= p.standing else 0  # what is near is checked before it begins again
+            floor, stands = FloorState(np.zeros_like(floor.level), floor.noise, age), True
     mode = STOPPED if stands else state.mode
     if stands:
         speed, curvature = 0.0, 0.0

@@ -31,7 +31,7 @@ from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.local_grid._kernels import add_ranges
 from ndtorch.navigation.local_grid.grid import empty_grid, empty_path, mark_obstacles, mark_stop
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.proximity.stereo_match import Obstacles
+from ndtorch.navigation.proximity.stereo_match import Obstacles, ProximityScan
 from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
@@ -120,12 +120,10 @@ class RangingControl(Controller):
         command = Command(speed, curvature)
         return (command, after) if self.spin is None else spun(command, after, pose, self.spin, self.tables)
 
-    def on_near_obstacles(
-        self, state: RangingState, pose: Pose, obstacles: Obstacles, across: Obstacles, floor_seen: bool
-    ) -> RangingState:
+    def on_near_obstacles(self, state: RangingState, pose: Pose, scan: ProximityScan) -> RangingState:
         """As `Controller.on_near_obstacles`."""
         p: RangingParams = self.params
-        grid = mark_stop(state.grid, tuple(pose), obstacles, across, floor_seen, p.blocked_evidence, p.grid)
+        grid = mark_stop(state.grid, tuple(pose), scan, p.blocked_evidence, p.grid)
         return state._replace(grid=grid)
 
     def sensing_requests(self, state: RangingState) -> SensingRequest:
