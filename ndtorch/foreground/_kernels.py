@@ -12,6 +12,9 @@ from ndtorch.foreground.noise import MEAN_SIZE
 from ndtorch.foreground.shadow import LIGHT_OFFSET, NARROW_TINT, ShadowLimits, remove_shadow
 from ndtorch.utils.jit import jit
 
+SWINGS, SWING_PACE = 2, 4.0
+"""What `kept` is under objects where something swings, and how many times as fast the noise is learned there."""
+
 
 class MaskLimits(NamedTuple):
     """Constants of `foreground_candidates`."""
@@ -210,7 +213,7 @@ def learn(
     for y in range(image.shape[1]):
         paces(kept[y], static_time[y], initialised[y], rates, pace, slow, fresh)
         for c in range(3):
-            limits = (kind(noise[c]), kind(rates.outlier_limit))
+            limits = (kind(noise[c]), kind(rates.outlier_limit), kind(rates.noise))
             follow(image[c, y], mean[c, y], deviation[c, y], limits, pace, slow, fresh)
 
 
@@ -222,26 +225,35 @@ def paces(
     kind = pace.dtype.type
     step, share, noise_share = kind(rates.dt), kind(rates.background), kind(rates.noise)
     held, one = kind(1 - rates.object_ratio), kind(1)
+    swing = min(kind(SWING_PACE) * noise_share, one)
     for x in range(pace.shape[0]):
         free = one - held * min(kept[x], one)
         before = initialised[x] > 0
         settled = before | (static_time[x] >= rates.needed)
         initialised[x] = settled
         pace[x] = share * free if before else step / (static_time[x] + step)
-        slow[x] = (noise_share * free if kept[x] <= one else kind(0)) if before else noise_share
+        under = noise_share * free if kept[x] <= one else kind(0)
+        slow[x] = (swing if kept[x] == SWINGS else under) if before else noise_share
         fresh[x] = settled & (not before)
 
 
 @jit
 def follow(
-    image: Array, mean: Array, deviation: Array, limits: tuple[float, float], pace: Array, slow: Array, fresh: Array
+    image: Array,
+    mean: Array,
+    deviation: Array,
+    limits: tuple[float, float, float],
+    pace: Array,
+    slow: Array,
+    fresh: Array,
 ) -> None:
-    """Background and noise of one color of one row follow the image."""
+    """Background and noise of one color of one row follow the image; outliers count in full where it follows fast."""
     kind = mean.dtype.type
-    least, most, usual = kind(limits[0]), kind(limits[1]), kind(MEAN_SIZE)
+    least, most, share, usual = kind(limits[0]), kind(limits[1]), kind(limits[2]), kind(MEAN_SIZE)
     for x in range(mean.shape[0]):
         before, own = mean[x], deviation[x]
         difference = image[x] - before
-        own = own + slow[x] * (min(abs(difference), most * max(least, own)) - own)
+        size = abs(difference)
+        own = own + slow[x] * ((min(size, most * max(least, own)) if slow[x] <= share else size) - own)
         deviation[x] = min(own, least * usual) if fresh[x] > 0 else own
         mean[x] = before + pace[x] * difference

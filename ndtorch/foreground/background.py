@@ -9,8 +9,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ndtorch.config import Constants, constant
-from ndtorch.foreground._kernels import LearningRates, learn
-from ndtorch.foreground.arrays import Bools, Floats, aligned, aligned_copy
+from ndtorch.foreground._kernels import SWINGS, LearningRates, learn
+from ndtorch.foreground.arrays import Bools, Bytes, Floats, aligned, aligned_copy
+from ndtorch.foreground.swinging import STRIDE, SWINGING
+from ndtorch.foreground.swinging import start as start_swinging
 from ndtorch.vision.temporal import smoothing_factor as checked_smoothing_factor
 
 smoothing_factor = cache(checked_smoothing_factor)
@@ -92,6 +94,7 @@ class BackgroundState(NamedTuple):
         static_time: seconds without motion, `[h, w]`.
         initialised: 1 where the background is known, 0 elsewhere, `[h, w]`.
         frames: frames seen since the scene began, int64 scalar.
+        swinging: see `ndtorch.foreground.swinging`, `[5, h / 2, w / 2]` uint8.
     """
 
     mean: Any
@@ -101,6 +104,7 @@ class BackgroundState(NamedTuple):
     static_time: Any
     initialised: Any
     frames: Any
+    swinging: Any
 
 
 @dataclass
@@ -115,11 +119,13 @@ class BackgroundModel:
     static_time: Floats
     initialised: Floats
     frames: int
+    swinging: Bytes
 
     def __post_init__(self) -> None:
         shape = self.mean.shape
         self.image, self.blurred, (self.grey, self.light) = aligned(*shape), aligned(*shape), aligned(2, *shape[1:])
         self.marks = np.empty((5, *shape[1:]), np.uint8)
+        self.swings = bool(self.swinging[SWINGING].any())
 
     @classmethod
     def start(cls, image: Floats, p: BackgroundParams) -> BackgroundModel:
@@ -130,18 +136,20 @@ class BackgroundModel:
         deviation, previous = aligned(*image.shape), aligned(*image.shape)
         deviation[...] = p.min_noise_ratio
         blur(image, previous)
-        return cls(aligned_copy(image), deviation, previous, planes[0], planes[1], planes[2], 0)
+        swinging = start_swinging(*image.shape[1:])
+        return cls(aligned_copy(image), deviation, previous, planes[0], planes[1], planes[2], 0, swinging)
 
     @classmethod
     def of(cls, state: BackgroundState) -> BackgroundModel:
         """A copy of a state."""
         mean, deviation, previous, flicker, static_time, initialised = map(aligned_copy, state[:6])
-        return cls(mean, deviation, previous, flicker, static_time, initialised, int(state.frames))
+        swinging = np.asarray(state.swinging).copy()
+        return cls(mean, deviation, previous, flicker, static_time, initialised, int(state.frames), swinging)
 
     def state(self) -> BackgroundState:
         """The present state, which shares the memory."""
         planes = (self.mean, self.deviation, self.previous, self.flicker, self.static_time, self.initialised)
-        return BackgroundState(*planes, np.array(self.frames, np.int64))
+        return BackgroundState(*planes, np.array(self.frames, np.int64), self.swinging)
 
 
 def blur(image: Floats, blurred: Floats) -> None:
@@ -164,10 +172,14 @@ def update_background(
         model: updated.
         image: without its gain, `[3, h, w]`.
         noise: of each color, `[3]`.
-        kept: 1 where tracked objects are, 3 where long stationary ones are, `[h, w]`.
+        kept: 1 where tracked objects are, 3 where long stationary ones are, `[h, w]`; becomes 2 where they swing.
         dt: seconds of a step.
     """
     model.frames = seen = model.frames + 1
+    if model.swings:
+        height, width = kept.shape
+        swinging = model.swinging[SWINGING].repeat(STRIDE, 0)[:height].repeat(STRIDE, 1)[:, :width]
+        kept[(swinging > 0) & (kept > 0)] = SWINGS
     rates = LearningRates(
         needed=p.static_after_s * LEARNING_S / max(LEARNING_S, seen * dt),
         dt=dt,

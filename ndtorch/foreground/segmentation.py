@@ -21,6 +21,7 @@ from ndtorch.foreground.background import (
 from ndtorch.foreground.illumination import changed_block_ratio, illumination, is_uncorrelated
 from ndtorch.foreground.noise import MotionLimits, motion_and_noise
 from ndtorch.foreground.shadow import MIN_COLORFULNESS, PENUMBRA_PX, WINDOW_PX, ShadowLimits
+from ndtorch.foreground.swinging import update_swinging
 
 CUT_RATIO, CUT_BLOCKS_RATIO = 0.7, 0.6
 """A new scene begins if more than this fraction of the image is foreground, or if more than this fraction of the blocks
@@ -89,6 +90,7 @@ def segment(raw: Floats, model: BackgroundModel, dt: float, p: BackgroundParams)
     )
     shadow = ShadowLimits(p.shadow_min_ratio, p.shadow_max_variation_ratio)
     clean_mask(found, m.initialised, m.static_time, MOTION_TRAIL_S, shadow, sides, mask, narrow)
+    m.swings = update_swinging(m.swinging, mask, m.frames, dt)
     return Segmentation(m.image, m.grey, m.mean, m.deviation, noise, mask.view(np.bool_), narrow, False)
 
 

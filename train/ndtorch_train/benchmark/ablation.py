@@ -58,6 +58,7 @@ CODE: Mapping[str, Mapping[str, Any]] = {
     "narrow shadow of a track": {"tracking.confirmation.is_shadow": lambda *_: False},
     "narrow shadow beside an object": {"tracking.blobs.cast_shadows": lambda *_: None},
     "dark coat": {"foreground.segmentation.SHADOW_CLOSING_RATIO": 0.0},
+    "swinging": {"foreground.swinging.MIN_AREA_RATIO": ENDLESS},
     "broad motion": {"foreground.segmentation.MOTION_TRAIL_S": -1.0},
     "fragments dropped": {"tracking.blobs.drop_fragments": lambda blobs, *_: blobs},
     "ghosts": {"tracking.blobs.ghosts": lambda *_: None},
