@@ -69,7 +69,7 @@ def trace_back(ghosts: Numbers, tracks: Sequence[Track], began: float, time: flo
         found, place, pixels, nearest, ghost[8] = ghost[0], ghost[1:3], ghost[7], math.inf, -1
         for one in tracks:
             was, now = np.abs(one.color - ghost[9:].reshape(2, 3)).mean(1)
-            if not one.is_object or one.waited[PIXELS] or was > now / 2:
+            if not one.is_object or one.waited[PIXELS] or was > now:
                 continue
             away, ratio = math.dist(place, one.path[0, PLACE]), pixels / np.median(one.path[:, PIXELS])
             lately, alike = abs(found - one.first_seen) < TRACED_S, 1 / p.max_area_ratio < ratio < p.max_area_ratio

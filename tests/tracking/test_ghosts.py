@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
 
 import ndtorch
 from ndtorch.binding import BoundObject
+from ndtorch.tracking.ghosts import trace_back
+from ndtorch.tracking.params import TrackingParams
+from ndtorch.tracking.track import PIXELS, Track, TrackState
 
 FPS, SIZE = 12.5, (72, 96)
 
@@ -37,3 +41,17 @@ def test_what_stood_from_the_first_frame_on_is_at_its_place_in_every_frame() -> 
 def test_what_came_in_before_it_stood_was_nowhere_before() -> None:
     found = objects_of(leaves=7.0, enters=3.0)
     assert min(time for one in found for time, _, _ in one.path) > 1.8
+
+
+@pytest.mark.parametrize("share", [0.0, 0.45, 0.55, 1.0])
+def test_a_ghost_is_traced_to_the_track_that_looks_more_like_it_than_like_the_ground(share: float) -> None:
+    """What leaves is measured together with the ground that it uncovers: that share of its mean color is its own."""
+    was, now, place = np.array((0.2, 0.1, 0.1)), np.array((0.8, 0.8, 0.7)), (0.3, 0.3)
+    one = Track.begin(4, 5.0, np.array(place))
+    one.state, one.extent, one.passed_at = TrackState.CONFIRMED, np.full(2, 0.1), -9.0
+    one.color = share * was + (1 - share) * now
+    one.new_detections.append((5.0, *place, 0.25, 0.25, 0.35, 0.35, 0.01, *place))
+    ghost = np.array([(5.5, *place, 0.25, 0.25, 0.35, 0.35, 0.01, -1, *was, *now)])
+    [traced] = trace_back(ghost, [one], 0.0, 6.0, TrackingParams())
+    assert traced[8] == (4 if share > 0.5 else -1)
+    assert (one.waited[PIXELS] > 0) == (share > 0.5)
