@@ -125,7 +125,6 @@ class BackgroundModel:
         shape = self.mean.shape
         self.image, self.blurred, (self.grey, self.light) = aligned(*shape), aligned(*shape), aligned(2, *shape[1:])
         self.marks = np.empty((5, *shape[1:]), np.uint8)
-        self.swings = bool(self.swinging[SWINGING].any())
 
     @classmethod
     def start(cls, image: Floats, p: BackgroundParams) -> BackgroundModel:
@@ -176,7 +175,7 @@ def update_background(
         dt: seconds of a step.
     """
     model.frames = seen = model.frames + 1
-    if model.swings:
+    if model.swinging[SWINGING].any():
         height, width = kept.shape
         swinging = model.swinging[SWINGING].repeat(STRIDE, 0)[:height].repeat(STRIDE, 1)[:, :width]
         kept[(swinging > 0) & (kept > 0)] = SWINGS

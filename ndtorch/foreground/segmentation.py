@@ -90,7 +90,7 @@ def segment(raw: Floats, model: BackgroundModel, dt: float, p: BackgroundParams)
     )
     shadow = ShadowLimits(p.shadow_min_ratio, p.shadow_max_variation_ratio)
     clean_mask(found, m.initialised, m.static_time, MOTION_TRAIL_S, shadow, sides, mask, narrow)
-    m.swings = update_swinging(m.swinging, mask, m.frames, dt)
+    update_swinging(m.swinging, mask, m.frames, dt)
     return Segmentation(m.image, m.grey, m.mean, m.deviation, noise, mask.view(np.bool_), narrow, False)
 
 

@@ -45,8 +45,8 @@ def start(height: int, width: int) -> Bytes:
     return np.zeros((5, -(-height // STRIDE), -(-width // STRIDE)), np.uint8)
 
 
-def update_swinging(state: Bytes, mask: Bytes, frames: int, dt: float) -> bool:
-    """Count visits of a foreground mask `[h, w]`; returns whether anything swings.
+def update_swinging(state: Bytes, mask: Bytes, frames: int, dt: float) -> None:
+    """Count visits of a foreground mask `[h, w]`, and mark what swings.
 
     Args:
         state: updated.
@@ -56,7 +56,6 @@ def update_swinging(state: Bytes, mask: Bytes, frames: int, dt: float) -> bool:
     count_visits(mask, state, max(1, math.ceil(MIN_VISIT_S / dt - 1e-6)) if time >= SETTLING_S else FULL_TURN)
     if int(time / EVERY_S) > int((time - dt) / EVERY_S):
         find_regions(state)
-    return bool(state[SWINGING].any())
 
 
 def find_regions(state: Bytes) -> None:

@@ -75,13 +75,14 @@ def draw_timeline(result: RunResult, path: Path, ground: Pixels | None = None) -
         for time, down, right in arrows(times, columns / height, rows / height, max(0.5, end / 40)):
             turn = math.degrees(math.atan2(-down, right))
             lanes.text(time, lane, "→", rotation=turn, color="white", ha="center", va="center", fontsize=11)
-        picture.plot(columns, rows, color=color, lw=2, path_effects=[withStroke(linewidth=4, foreground="white")])
+        outline = [withStroke(linewidth=4, foreground="white")]
+        picture.plot(columns, rows, color=color, lw=2, path_effects=outline)
         k = max(0, len(rows) - max(2, len(rows) // 6))
         picture.annotate(
             "",
             (columns[-1], rows[-1]),
             (columns[k], rows[k]),
-            arrowprops={"arrowstyle": "-|>", "color": color, "lw": 2},
+            arrowprops={"arrowstyle": "-|>", "color": color, "lw": 0, "mutation_scale": 20},
         )
         picture.plot(columns[0], rows[0], "o", color=color, ms=5)
         side = -1 if lane % 2 else 1  # objects that come one after the other often come in at one place
@@ -95,6 +96,8 @@ def draw_timeline(result: RunResult, path: Path, ground: Pixels | None = None) -
             ha="right" if side > 0 else "left",
             va="bottom",
             fontsize=12,
+            path_effects=outline,
+            zorder=5,
         )
     for time in result.cuts:
         lanes.axvline(time, color="0.5", lw=1, ls=":")

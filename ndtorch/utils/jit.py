@@ -102,6 +102,7 @@ class JitFunction(Generic[R]):
             return self.dispatcher.compile(signature)
 
     def keep(self, compile: Callable[[Any], Any], signature: Any) -> Any:
+        """As `load_or_compile`, by the one process that may write."""
         kept, name = self.files(), self.function.__qualname__
         if not kept:
             announce()

@@ -55,7 +55,7 @@ def test_where_it_swings_noise_is_learned_under_objects_and_nowhere_else() -> No
     p, image = BackgroundParams(), np.full((3, *SIZE), 0.4, np.float32)
     model = BackgroundModel.start(image, p)
     model.initialised[:], model.frames, model.deviation[:] = 1, 1000, 0
-    model.swinging[SWINGING, :, :30], model.swings = 1, True
+    model.swinging[SWINGING, :, :30] = 1
     other, noise = image + np.float32(0.3), np.full(3, 0.006, np.float32)
     for _ in range(5):
         update_background(model, other, noise, np.ones(SIZE, np.float32), DT, p)
