@@ -7,9 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.foreground.arrays import Array
-from ndtorch.foreground.morphology import closing, copy, majority_filter, opening, row_of
+from ndtorch.foreground.morphology import (
+    WORD,
+    closing,
+    inside_row,
+    majority_filter,
+    opening,
+    pack,
+    row_of,
+    unpack,
+)
 from ndtorch.foreground.noise import MEAN_SIZE
-from ndtorch.foreground.shadow import LIGHT_OFFSET, NARROW_TINT, ShadowLimits, remove_shadow
+from ndtorch.foreground.shadow import LIGHT_OFFSET, NARROW_TINT, WINDOW_PX, ShadowLimits, remove_shadow
 from ndtorch.utils.jit import jit
 
 SWINGS, SWING_PACE = 2, 4.0
@@ -123,37 +132,37 @@ def clean_mask(
         mask: becomes 1 for foreground, and narrow: 1 where a narrow shadow may be, `[h, w]` uint8.
     """
     candidates, (height, width) = found.candidates, mask.shape
-    margin = max(max(sides.closing, sides.moving), max(sides.speckle, sides.broad))
-    shape, size = (height, width), (height + 2 * margin) * (width + 2 * margin)
-    marks, room = np.zeros(size, np.uint8), (np.empty(size, np.uint8), np.empty(size, np.uint8))
-    dark = young = 0
+    margin = max(max(sides.closing, sides.moving), max(sides.speckle, sides.broad), WINDOW_PX)
+    inside, dark, young = inside_row(width, margin), 0, 0
+    line, size = inside.shape[0], inside.shape[0] * (height + 2 * margin)
+    marks, room = np.zeros(size, np.uint64), (np.zeros(size, np.uint64), np.zeros(size, np.uint64))
     for y in range(height):
         dark |= where_known(candidates[y], initialised[y], found.narrow[y], sides.broad, narrow[y])
-    remove_shadow(candidates, found.light, found.shadow, shadow_limits, mask)
+        pack(candidates[y], row_of(marks, y, line, margin))
+    allowed = marks.copy()
+    remove_shadow(marks, found.light, found.shadow, shadow_limits, inside, margin, room)
     # A dark coat looks like a shadow, but the rest of its wearer is around it.
-    for y in range(height):
-        copy(mask[y], row_of(marks, y, width, margin))
-    closing(marks, sides.closing, shape, margin, room)
-    for y in range(height):
-        intersect(row_of(marks, y, width, margin), candidates[y], mask[y])
+    closing(marks, sides.closing, inside, margin, room)
+    for n in range(size):
+        marks[n] &= allowed[n]
     # Where no background is known, motion counts if it is broad: edges of what is stationary tremble.
+    recent = np.zeros(size, np.uint64)
     for y in range(height):
-        young |= mark_recent(static_time[y], initialised[y], trail, row_of(marks, y, width, margin))
+        if mark_recent(static_time[y], initialised[y], trail, mask[y]):
+            pack(mask[y], row_of(recent, y, line, margin))
+            young = 1
     if young:
-        opening(marks, sides.moving, shape, margin, room)
-        for y in range(height):
-            add(row_of(marks, y, width, margin), mask[y])
-    most = np.empty((height, width), np.uint8)
-    majority_filter(mask, most)
+        opening(recent, sides.moving, inside, margin, room)
+        for n in range(size):
+            marks[n] |= recent[n]
+    majority_filter(marks, width, inside, margin, recent)
+    opening(recent, sides.speckle, inside, margin, room)
     for y in range(height):
-        copy(most[y], row_of(marks, y, width, margin))
-    opening(marks, sides.speckle, shape, margin, room)
-    for y in range(height):
-        copy(row_of(marks, y, width, margin), mask[y])
+        unpack(row_of(recent, y, line, margin), mask[y])
     if dark:
-        opening(marks, sides.broad, shape, margin, room)
+        opening(recent, sides.broad, inside, margin, room)
         for y in range(height):
-            remove(row_of(marks, y, width, margin), narrow[y])
+            remove(row_of(recent, y, line, margin), narrow[y])
 
 
 @jit
@@ -169,12 +178,6 @@ def where_known(candidates: Array, initialised: Array, pale: Array, wanted: int,
 
 
 @jit
-def intersect(marks: Array, candidates: Array, mask: Array) -> None:
-    for x in range(mask.shape[0]):
-        mask[x] = marks[x] & candidates[x]
-
-
-@jit
 def mark_recent(static_time: Array, initialised: Array, trail: float, marks: Array) -> int:
     """Mark what moved lately where no background is known; whether anything did."""
     lately, some = static_time.dtype.type(trail), np.uint8(0)
@@ -185,15 +188,12 @@ def mark_recent(static_time: Array, initialised: Array, trail: float, marks: Arr
 
 
 @jit
-def add(marks: Array, mask: Array) -> None:
-    for x in range(mask.shape[0]):
-        mask[x] |= marks[x]
-
-
-@jit
-def remove(marks: Array, narrow: Array) -> None:
-    for x in range(narrow.shape[0]):
-        narrow[x] &= ~marks[x]
+def remove(bits: Array, narrow: Array) -> None:
+    """Unmark what a row of bits marks."""
+    for k in range(bits.shape[0]):
+        part, word = narrow[WORD * k : WORD * (k + 1)], bits[k]
+        for n in range(part.shape[0] if word else 0):
+            part[n] &= ~(word >> np.uint64(n))
 
 
 @jit

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.foreground.arrays import Array
-from ndtorch.foreground.morphology import majority_filter
+from ndtorch.foreground.morphology import WORD, dilate, inside_row, majority_filter, pack, row_of
 from ndtorch.utils.jit import jit
 from ndtorch.utils.selection import median
 
@@ -88,19 +88,25 @@ def motion_and_noise(
                 changed_blocks += largest > least_sum
     some = subsample(change)
     noise = kind(median(some, some.shape[0]) / kind(MEDIAN_SIZE))
-    over, unknown = np.empty((height, width), np.uint8), 0
+    over, margin, unknown = np.empty(width, np.uint8), 3, 0
+    inside = inside_row(width, margin)
+    line = inside.shape[0]
+    size = line * (height + 2 * margin)
+    marks, moves = np.zeros(size, np.uint64), np.zeros(size, np.uint64)
+    room = (np.empty(size, np.uint64), np.empty(size, np.uint64))
     for y in range(height):
-        unknown += mark_motion(change[y], flicker[y], initialised[y], noise, limits, over[y])
-    moves = np.empty((height, width), np.uint8)
-    majority_filter(over, moves)
+        unknown += mark_motion(change[y], flicker[y], initialised[y], noise, limits, over)
+        pack(over, row_of(marks, y, line, margin))
+    majority_filter(marks, width, inside, margin, moves)
     if unknown:
-        majority_filter(candidates, over)
         for y in range(height):
-            add_unknown(over[y], initialised[y], moves[y])
-    near = np.zeros(width + 2, np.uint8)
+            pack(candidates[y], row_of(marks, y, line, margin))
+        majority_filter(marks, width, inside, margin, room[0])
+        for y in range(height):
+            add_unknown(row_of(room[0], y, line, margin), initialised[y], row_of(moves, y, line, margin))
+    dilate(moves, 3, inside, margin, room)
     for y in range(height):
-        join(moves[max(y - 1, 0)], moves[y], moves[min(y + 1, height - 1)], near)
-        count_time(near, kind(limits.dt), static_time[y])
+        count_time(row_of(moves, y, line, margin), kind(limits.dt), static_time[y])
     return changed_blocks / (height // BLOCK_PX * across) if whole else -1.0
 
 
@@ -149,21 +155,18 @@ def mark_motion(
 
 @jit
 def add_unknown(marks: Array, initialised: Array, moves: Array) -> None:
-    """Add marks where the background is not initialised."""
-    for x in range(moves.shape[0]):
-        moves[x] |= marks[x] & np.uint8(initialised[x] == 0)
+    """Add marks where the background is not initialised; both are rows of bits."""
+    for x in range(initialised.shape[0]):
+        moves[x // WORD] |= marks[x // WORD] & (np.uint64(initialised[x] == 0) << np.uint64(x % WORD))
 
 
 @jit
-def join(upper: Array, middle: Array, lower: Array, near: Array) -> None:
-    """Marks of three rows, from the second place on."""
-    for x in range(middle.shape[0]):
-        near[x + 1] = upper[x] | middle[x] | lower[x]
-
-
-@jit
-def count_time(near: Array, dt: float, static_time: Array) -> None:
-    """Seconds without motion begin anew where a neighbour is marked."""
-    none = static_time.dtype.type(0)
-    for x in range(static_time.shape[0]):
-        static_time[x] = none if near[x] | near[x + 1] | near[x + 2] else static_time[x] + dt
+def count_time(moves: Array, dt: float, static_time: Array) -> None:
+    """Seconds without motion begin anew where a row of bits is marked."""
+    for k in range(moves.shape[0]):
+        part, word = static_time[WORD * k : WORD * (k + 1)], moves[k]
+        for x in range(part.shape[0]):
+            part[x] += dt
+        for x in range(part.shape[0] if word else 0):
+            if (word >> np.uint64(x)) & np.uint64(1):
+                part[x] = 0

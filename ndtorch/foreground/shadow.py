@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.foreground.arrays import Array
-from ndtorch.foreground.morphology import mirrored
+from ndtorch.foreground.morphology import WORD, dilate, mirrored, pack, row_of
 from ndtorch.utils.jit import jit
 
 WINDOW_PX = 5
@@ -36,68 +36,52 @@ class ShadowLimits(NamedTuple):
 
 
 @jit
-def remove_shadow(candidates: Array, light: Array, shadow: Array, limits: ShadowLimits, core: Array) -> None:
-    """Foreground candidates without shadow.
+def remove_shadow(
+    core: Array, light: Array, shadow: Array, limits: ShadowLimits, inside: Array, margin: int, room: tuple[Array, Array]
+) -> None:
+    """Remove shadow from foreground candidates.
 
     Args:
-        candidates, shadow: 1 for foreground and shadow candidates, `[h, w]` uint8.
+        core: the candidates, a mask with margins (see `ndtorch.foreground.morphology`).
         light: mean ratio of the image's colors to the background's, `[h, w]`.
-        core: becomes 1 where a pixel is foreground and no shadow, `[h, w]` uint8.
+        shadow: 1 for shadow candidates, `[h, w]` uint8.
+        inside, margin, room: of `opening`; the margin is at least `WINDOW_PX`.
     """
-    height, width = candidates.shape
-    edge, side = PENUMBRA_PX, WINDOW_PX
+    (height, width), edge, side = shadow.shape, PENUMBRA_PX, WINDOW_PX
+    line = inside.shape[0]
+    dark, even = np.zeros_like(core), np.zeros_like(core)
     # Only rows and columns with shadow candidates in the foreground are looked at.
-    rows, columns = np.zeros(height, np.uint8), np.zeros(width, np.uint8)
+    rows, columns = np.zeros(height + 2 * edge, np.bool_), np.zeros(line, np.uint64)
     for y in range(height):
-        core[y] = candidates[y]
-        rows[y] = find_any(candidates[y], shadow[y], columns)
+        there, some = row_of(dark, y, line, margin), np.uint64(0)
+        pack(shadow[y], there)
+        here = row_of(core, y, line, margin)
+        for k in range(line):
+            columns[k] |= here[k] & there[k]
+            some |= here[k] & there[k]
+        if some:
+            rows[y : y + 2 * edge + 1] = True
     first, last = 0, width
-    while first < last and not columns[first]:
+    while first < last and not bit(columns, first):
         first += 1
-    while last > first and not columns[last - 1]:
+    while last > first and not bit(columns, last - 1):
         last -= 1
     first, last = max(0, first - edge), min(width, last + edge)
-    even, sums = np.zeros((height + 2 * edge, width + 2 * edge), np.uint8), np.empty((2, width + side))
-    before = -2
+    sums, found, before = np.empty((2, width + side)), np.zeros(width, np.uint8), -2
     for y in range(height):
-        if rows[max(0, y - edge) : y + edge + 1].any():
+        if rows[y + edge]:
             sum_columns(light, y, before == y - 1, (first, last), sums[0], sums[1])
-            found = even[edge + y, edge + first : edge + last]
-            mark_even(sums[0], sums[1], shadow[y, first:last], limits, found)
+            mark_even(sums[0], sums[1], shadow[y, first:last], limits, found[first:last])
+            pack(found, row_of(even, y, line, margin))
             before = y
-    line = np.empty(width + 2 * edge, np.uint8)
-    for y in range(height):
-        if not rows[y]:
-            continue
-        line[:] = 0
-        for row in even[y : y + 2 * edge + 1]:
-            add_marks(row, line)
-        for j in range(2 * edge + 1):
-            subtract(line[j : j + width], shadow[y], core[y])
+    dilate(even, 2 * edge + 1, inside, margin, room)
+    for n in range(core.shape[0]):
+        core[n] &= ~(dark[n] & even[n])
 
 
 @jit
-def find_any(candidates: Array, shadow: Array, columns: Array) -> int:
-    """Whether a row has foreground that may be shadow; its columns are added to `columns`."""
-    some = np.uint8(0)
-    for x in range(candidates.shape[0]):
-        one = candidates[x] & shadow[x]
-        columns[x] |= one
-        some |= one
-    return int(some)
-
-
-@jit
-def add_marks(row: Array, line: Array) -> None:
-    for x in range(line.shape[0]):
-        line[x] |= row[x]
-
-
-@jit
-def subtract(marks: Array, shadow: Array, core: Array) -> None:
-    """Remove marked shadow candidates from the core."""
-    for x in range(core.shape[0]):
-        core[x] &= ~(shadow[x] & marks[x])
+def bit(bits: Array, x: int) -> bool:
+    return bool((bits[x // WORD] >> np.uint64(x % WORD)) & np.uint64(1))
 
 
 @jit(exact=True)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ndtorch.foreground.arrays import Array, Bytes
-from ndtorch.foreground.morphology import any_nonzero, union
+from ndtorch.foreground.morphology import any_nonzero
 from ndtorch.utils.jit import jit
 
 STRIDE = 2
@@ -91,7 +91,7 @@ def count_visits(mask: Array, state: Array, least: int) -> None:
     now, both = np.empty((height, width), np.uint8), np.empty((height, width), np.uint8)
     line = np.zeros(STRIDE * width, np.uint8)
     for y in range(height):
-        union(mask[STRIDE * y], mask[min(STRIDE * y + 1, mask.shape[0] - 1)], line[: mask.shape[1]])
+        add_rows(mask[STRIDE * y], mask[min(STRIDE * y + 1, mask.shape[0] - 1)], line)
         halve(line, steps[y], now[y], both[y])
     for y in range(height):
         if not any_nonzero(both[y]):
@@ -109,6 +109,12 @@ def count_visits(mask: Array, state: Array, least: int) -> None:
                 if kind == 0 or 3 * turn > FULL_TURN:
                     visits[kind][y, x] = min(np.int64(visits[kind][y, x]) + VISIT, MOST)
         count_steps(now[y], steps[y])
+
+
+@jit
+def add_rows(upper: Array, lower: Array, line: Array) -> None:
+    for x in range(upper.shape[0]):
+        line[x] = upper[x] | lower[x]
 
 
 @jit

@@ -13,6 +13,7 @@ import torch
 from ndtorch.foreground._kernels import CleaningSides, MaskImages, clean_mask
 from ndtorch.foreground.arrays import aligned_copy
 from ndtorch.foreground.background import BackgroundModel, BackgroundParams, update_background
+from ndtorch.foreground.morphology import inside_row, pack, unpack
 from ndtorch.foreground.noise import MEAN_SIZE, MEDIAN_SIZE, MotionLimits, motion_and_noise
 from ndtorch.foreground.segmentation import Segmentation, segment
 from ndtorch.foreground.shadow import PENUMBRA_PX, WINDOW_PX, ShadowLimits, remove_shadow
@@ -96,8 +97,13 @@ def test_shadow_is_what_opencv_finds() -> None:
     chance, limits = np.random.default_rng(5), ShadowLimits(PARAMS.shadow_min_ratio, 0.02)
     light = (0.6 + 0.1 * chance.random((40, 50)) * (np.arange(50) > 20)).astype(np.float32)
     shadow, candidates = (chance.random((2, 40, 50)) < 0.9).astype(np.uint8)
-    candidates[10:14], core = 0, np.empty((40, 50), np.uint8)
-    remove_shadow(candidates, light, shadow, limits, core)
+    candidates[10:14], core, inside = 0, np.empty((40, 50), np.uint8), inside_row(50, 5)
+    bits = np.zeros((50, len(inside)), np.uint64)
+    for row, to in zip(candidates, bits[5:], strict=False):
+        pack(row, to)
+    remove_shadow(bits.ravel(), light, shadow, limits, inside, 5, (bits.ravel().copy(), bits.ravel().copy()))
+    for row, to in zip(bits[5:], core, strict=False):
+        unpack(row, to)
     assert np.array_equal(core, candidates & ~shadow_by_opencv(light, shadow, limits))
     assert 0 < core.sum() < candidates.sum()
 
