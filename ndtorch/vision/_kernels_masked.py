@@ -120,27 +120,37 @@ def pass_high(
 
 
 @jit
-def signals_of_sums(images: Array, labels: Array, sums: Array, signals: Array) -> None:
+def signals_of_sums(strongest: Array, filters: Array, labels: Array, sums: Array, signals: Array) -> None:
     """The last part of `ndtorch.vision.masked_features`.
 
     Args:
-        images: responses at three orientations, `[3, h / 2, w / 2]`.
+        strongest: of `sum_features`, with margins of half a filter.
+        filters: of `oriented_filters`, `[rows, 3, n]`.
         labels: `[h, w]` int32.
         sums: of `sum_features`, `[fields, 6]`.
         signals: become the ten of each field, `[fields, 10]`.
     """
-    _, height, width = images.shape
-    fields = sums.shape[0]
+    fields, (rows, _, reach) = sums.shape[0], filters.shape
+    height, width = labels.shape[0] // 2, labels.shape[1] // 2
     tilted = np.zeros((fields, 3))
+    # So many rows as a filter has, column after column: what a filter covers is one piece. Each new row replaces the
+    # oldest, and the filters are turned on with it.
+    band = np.zeros(strongest.shape[1] * rows + reach, strongest.dtype)
+    for r in range(rows - 1):
+        band[r : strongest.shape[1] * rows : rows] = strongest[r]
     for y in range(height):
+        newest, turned = (y + rows - 1) % rows, filters[y % rows]
+        band[newest : strongest.shape[1] * rows : rows] = strongest[y + rows - 1]
         some = any_nonzero(labels[2 * y]) or any_nonzero(labels[2 * y + 1])
         for x in range(width if some else 0):
             top = max(labels[2 * y, 2 * x], labels[2 * y, 2 * x + 1])
             name = max(top, max(labels[2 * y + 1, 2 * x], labels[2 * y + 1, 2 * x + 1]))
             if name > 0:
-                n = (name - 1) % fields
-                for k in range(3):
-                    tilted[n, k] += abs(images[k, y, x])
+                n, here = (name - 1) % fields, band[x * rows : x * rows + reach]
+                first, second, third = products(here, turned[0], turned[1], turned[2])
+                tilted[n, 0] += abs(first)
+                tilted[n, 1] += abs(second)
+                tilted[n, 2] += abs(third)
     for n in range(fields):
         pixels = max(sums[n, 0], 1.0)
         across, along = sums[n, 1] / pixels, sums[n, 2] / pixels
@@ -150,3 +160,15 @@ def signals_of_sums(images: Array, labels: Array, sums: Array, signals: Array) -
         for k in range(3):
             signals[n, 4 + k] = sqrt((tilted[n, k] - least) / pixels)
             signals[n, 7 + k] = sqrt(sums[n, 3 + k] / pixels)
+
+
+@jit
+def products(here: Array, one: Array, two: Array, three: Array) -> tuple[float, float, float]:
+    """Sums of the products of numbers with those of three filters."""
+    kind = here.dtype.type
+    first, second, third = kind(0), kind(0), kind(0)
+    for n in range(here.shape[0]):
+        first += here[n] * one[n]
+        second += here[n] * two[n]
+        third += here[n] * three[n]
+    return first, second, third
