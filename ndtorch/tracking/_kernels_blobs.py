@@ -7,16 +7,17 @@ from math import ceil, floor
 import numpy as np
 
 from ndtorch.foreground.arrays import Array
-from ndtorch.foreground.morphology import any_nonzero
+from ndtorch.foreground.morphology import WORD, any_nonzero, closing, inside_row, pack, row_of
 from ndtorch.utils.jit import jit
 
 
 @jit
-def label_components(mask: Array, smallest: float, labels: Array, boxes: Array) -> int:
+def label_components(mask: Array, gap: int, smallest: float, labels: Array, boxes: Array) -> int:
     """See `ndtorch.tracking.blobs.connected_components`; what a component encloses is filled.
 
     Args:
-        mask: what is joined where it is not 0, `[h, w]` uint8.
+        mask: what is joined, `[h, w]` bool.
+        gap: pixels of the largest gap that is closed.
         smallest: pixels of the smallest component.
         labels: become the number of the component of every pixel, `[h, w]` int32.
         boxes: of every component become top, left, bottom, right and pixels, `[N, 5]`, with room for all.
@@ -25,24 +26,31 @@ def label_components(mask: Array, smallest: float, labels: Array, boxes: Array) 
         How many there are. They are counted by where they begin, in pairs of rows and columns, as OpenCV does.
     """
     height, width = mask.shape
+    margin = gap + 1
+    inside = inside_row(width, margin)
+    line = inside.shape[0]
+    bits = np.zeros(line * (height + 2 * margin), np.uint64)
+    for y in range(height):
+        pack(mask[y], row_of(bits, y, line, margin))
+    if gap:
+        closing(bits, gap + 1, inside, margin, (np.empty_like(bits), np.empty_like(bits)))
+    labels[:] = 0
     # Runs of equal pixels, row after row: row, begin, end, and 1 for foreground. What lies outside the image is
     # number 0. Each is owned by the first of those that it hangs together with.
     runs, owner = np.empty((height * width + 1, 4), np.int32), np.empty(height * width + 1, np.int32)
     owner[0], count, k = 0, 1, 1
     for y in range(height):
-        row, x = count, 0
-        while x < width:
+        row, before = count, -1
+        for at in range(0, width, WORD):
+            word, end = bits[(y + margin) * line + at // WORD], min(at + WORD, width)
             # Mostly nothing is there, and goes on.
-            if x and not runs[count - 1, 3] and x + 8 <= width and not any_of_eight(mask[y], x):
-                x += 8
-                runs[count - 1, 2] = x
-                continue
-            here = 1 if mask[y, x] else 0
-            if x == 0 or here != runs[count - 1, 3]:
-                runs[count, 0], runs[count, 1], runs[count, 3], owner[count] = y, x, here, count
-                count += 1
-            x += 1
-            runs[count - 1, 2] = x
+            for x in range(at, end if word or before else at):
+                here = np.int64(word >> np.uint64(x - at)) & 1
+                if here != before:
+                    runs[count, 0], runs[count, 1], runs[count, 3], owner[count] = y, x, here, count
+                    count, before = count + 1, here
+                runs[count - 1, 2] = x + 1
+            runs[count - 1, 2] = end
         for n in range(row, count):
             start, end, here = runs[n, 1], runs[n, 2], runs[n, 3]
             # Pixels that stand out also hang together by their corners. Above the first row is the outside.
@@ -96,7 +104,6 @@ def label_components(mask: Array, smallest: float, labels: Array, boxes: Array) 
     for k in range(kept):
         for side in range(5):
             boxes[k, side] = large[k, side]
-    labels[:] = 0
     for n in range(1, count):
         name = number[slots[owner[n]]] if owner[n] else 0
         if not name:
@@ -104,13 +111,6 @@ def label_components(mask: Array, smallest: float, labels: Array, boxes: Array) 
         for x in range(runs[n, 1], runs[n, 2]):
             labels[runs[n, 0], x] = name
     return kept
-
-
-@jit
-def any_of_eight(row: Array, x: int) -> int:
-    """Whether one of eight pixels is foreground."""
-    first = row[x] | row[x + 1] | row[x + 2] | row[x + 3]
-    return int(first | row[x + 4] | row[x + 5] | row[x + 6] | row[x + 7])
 
 
 @jit
@@ -123,6 +123,58 @@ def join_runs(owner: Array, one: int, other: int) -> None:
         owner[other] = owner[owner[other]]
         other = owner[other]
     owner[max(one, other)] = min(one, other)
+
+
+@jit
+def mark_still(
+    mask: Array, labels: Array, moving: Array, static_time: Array, least: float, free: Array, still: Array
+) -> int:
+    """Foreground that is of no moving object, and that which is static too; returns the pixels of the second.
+
+    Args:
+        mask: foreground; free, still: become 1 there, `[h, w]` bool.
+        labels: numbers of tracks, plus one, and moving: 1 for those that move.
+        static_time: seconds without motion, and least: seconds after which a pixel is static.
+    """
+    count, shortest = 0, static_time.dtype.type(least)
+    for y in range(mask.shape[0]):
+        free[y], still[y] = False, False
+        for x in range(mask.shape[1] if any_nonzero(mask[y]) else 0):
+            if mask[y, x] and not moving[labels[y, x]]:
+                free[y, x] = True
+                if static_time[y, x] >= shortest:
+                    still[y, x] = True
+                    count += 1
+    return count
+
+
+@jit
+def mark_cast(labels: Array, boxes: Array, mask: Array, narrow: Array, columns: int, found: Array) -> bool:
+    """See `ndtorch.tracking.blobs.cast_shadows`; whether there are any.
+
+    Args:
+        labels, boxes: of the blobs.
+        columns: that are summed up.
+        found: becomes 1 in narrow shadows that are cast, `[h, w]` bool.
+    """
+    some, half = False, columns // 2
+    for r in range(boxes.shape[0]):
+        top, left, bottom, right = boxes[r, 0], boxes[r, 1], boxes[r, 2], boxes[r, 3]
+        # By how much the narrow shadow of a column is more than half of it.
+        excess, cast = np.zeros(right - left + 2 * half, np.int64), np.zeros(right - left, np.bool_)
+        for y in range(top, bottom):
+            for x in range(left, right):
+                if labels[y, x] == r + 1 and mask[y, x]:
+                    excess[x - left + half] += 1 if narrow[y, x] else -1
+        for x in range(right - left):
+            cast[x] = excess[x : x + 2 * half + 1].sum() > 0
+        if not cast.any() or cast.all():
+            continue
+        for y in range(top, bottom):
+            for x in range(left, right):
+                if cast[x - left] and labels[y, x] == r + 1 and mask[y, x] and narrow[y, x]:
+                    found[y, x] = some = True
+    return some
 
 
 @jit
@@ -214,6 +266,15 @@ def narrowest_column(counts: Array, width: int, notch: float, least: float) -> i
     if depth[at] >= notch:
         return 0
     return at if left >= whole - counts[at] - left else at + 1
+
+
+@jit
+def rename(labels: Array, names: Array, renamed: Array) -> None:
+    """New names `[n]` of labels `[h, w]`; 0 stays 0."""
+    for y in range(labels.shape[0]):
+        renamed[y] = 0
+        for x in range(labels.shape[1] if any_nonzero(labels[y]) else 0):
+            renamed[y, x] = names[labels[y, x]]
 
 
 @jit

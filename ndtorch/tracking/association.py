@@ -115,16 +115,16 @@ def pair_costs(
     found = np.full((len(tracks), len(where)), NEVER)
     expected = [track.expected(time, p.max_prediction_s) for track in tracks]
     gates = [p.gate_sizes * track.size * (1 + GATE_GROWTH_PER_S * (time - track.last_seen)) for track in tracks]
-    pixels = [(track.last[PIXELS], usual_pixels(track)) for track in tracks]
     for j, r in enumerate(where):
         top, left, bottom, right = blobs.boxes[r].tolist()
         row, column = (top + bottom) / 2 / height, (left + right) / 2 / height
         area, color = blobs.areas[r] / height**2, None
         for i, track in enumerate(tracks):
-            if limit < math.inf and not min(pixels[i]) / p.max_area_ratio < area < max(pixels[i]) * p.max_area_ratio:
-                continue
             value = math.hypot(row - expected[i][0], column - expected[i][1]) / gates[i]
             if value >= limit:
+                continue
+            pixels = (track.last[PIXELS], usual_pixels(track)) if limit < math.inf else (0.0, math.inf)
+            if not min(pixels) / p.max_area_ratio < area < max(pixels) * p.max_area_ratio:
                 continue
             if color is None:
                 window = blobs.labels[top:bottom, left:right] == r + 1

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ndtorch.foreground.arrays import Bools, Bytes, Floats, Labels
 from ndtorch.foreground.background import BackgroundModel, BackgroundParams
 from ndtorch.foreground.segmentation import Segmentation
-from ndtorch.tracking._kernels_blobs import label_components, split_components
+from ndtorch.tracking._kernels_blobs import label_components, mark_cast, mark_still, split_components
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.track import Track, is_small
 
@@ -57,14 +57,10 @@ def detect_blobs(
     """
     mask, pixels = seen.mask, seen.mask.size
     smallest = p.min_area_ratio * pixels
-    where = np.flatnonzero(mask)
-    static = background.static_time.ravel()[where] >= np.float32(learning.static_after_s)
-    few = int((static & (moving[labels.ravel()[where]] == 0)).sum())
-    ghost = None
+    ghost, (free, still) = None, np.empty((2, *mask.shape), np.bool_)
+    few = mark_still(mask, labels, moving, background.static_time, learning.static_after_s, free, still)
     # Mostly next to nothing is static, and components are dear. So few pixels enclose no more.
     if few * (few / 4 + 1) >= smallest:
-        free = mask & (moving[labels] == 0)
-        still = background.static_time >= learning.static_after_s
         ghost = ghosts(free, still, seen.grey, seen.background, smallest)
     if ghost is not None:
         mask = mask & ~ghost
@@ -81,18 +77,9 @@ def connected_components(mask: Bools, smallest: float, gap: int) -> Blobs:
 
     Gaps of up to `gap` pixels are closed, and what a component encloses is filled.
     """
-    import cv2
-
-    marks: Bytes = mask.view(np.uint8)
-    if not mask.any():
-        none = np.zeros(0, np.int64)
-        return Blobs(np.zeros(mask.shape, np.int32), none.reshape(0, 4), none)
-    if gap:
-        square = np.ones((gap + 1, gap + 1), np.uint8)
-        marks = np.asarray(cv2.morphologyEx(marks, cv2.MORPH_CLOSE, square), np.uint8)
-    labels = np.empty(marks.shape, np.int32)
-    found = np.empty((((len(marks) + 1) // 2) * ((marks.shape[1] + 1) // 2), 5), np.int64)
-    number = label_components(marks, float(smallest), labels, found)
+    labels = np.empty(mask.shape, np.int32)
+    found = np.empty((((len(mask) + 1) // 2) * ((mask.shape[1] + 1) // 2), 5), np.int64)
+    number = label_components(mask, gap, float(smallest), labels, found)
     return Blobs(labels, found[:number, :4].copy(), found[:number, 4].copy())
 
 
@@ -104,21 +91,8 @@ def cast_shadows(blobs: Blobs, mask: Bools, narrow: Bytes) -> Bools | None:
     Args:
         mask: foreground, and narrow: 1 where a narrow shadow may be, `[h, w]`.
     """
-    if not (narrow.view(np.bool_) & mask).any():
-        return None
-    found = None
-    for r, (top, left, bottom, right) in enumerate(blobs.boxes.tolist()):
-        window = (slice(top, bottom), slice(left, right))
-        if not narrow[window].any():
-            continue
-        own = (blobs.labels[window] == r + 1) & mask[window]
-        shadow = own & (narrow[window] > 0)
-        excess = np.convolve(2 * shadow.sum(0) - own.sum(0), np.ones(SHADOW_COLUMNS))
-        cast = excess[SHADOW_COLUMNS // 2 :][: right - left] > 0
-        if cast.any() and not cast.all():
-            found = np.zeros_like(mask) if found is None else found
-            found[window] |= shadow & cast
-    return found
+    found = np.zeros_like(mask)
+    return found if mark_cast(blobs.labels, blobs.boxes, mask, narrow, SHADOW_COLUMNS, found) else None
 
 
 def split_blobs(blobs: Blobs, notch: float, least: float) -> Blobs:

@@ -147,9 +147,11 @@ def is_particle_clutter(track: Track, births: Numbers, seen_for: float, width: f
     row, column = track.last[PLACE]
     tall = min(row + RADIUS, 1.0) - max(row - RADIUS, 0.0)
     wide = min(column + RADIUS, width) - max(column - RADIUS, 0.0)
-    beside = (np.abs(births[:, 2] - row) < RADIUS) & (np.abs(births[:, 3] - column) < RADIUS)
-    # Mostly they are too few, of whatever size.
     most, crowd = p.clutter_rate * span * width, max(MIN_COUNT - 1, p.clutter_density * span * tall * wide)
+    # Mostly they are too few, of whatever size.
+    if len(births) <= min(most, crowd):
+        return False
+    beside = (np.abs(births[:, 2] - row) < RADIUS) & (np.abs(births[:, 3] - column) < RADIUS)
     if len(births) <= most and int(beside.sum()) <= crowd:
         return False
     # Glints merge and split; what leaves the image is small at last.

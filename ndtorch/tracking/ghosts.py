@@ -62,19 +62,20 @@ def trace_back(ghosts: Numbers, tracks: Sequence[Track], began: float, time: flo
     Args:
         began: time at which the scene began.
     """
+    given = set(ghosts[:, 8].tolist())
     for one in tracks:
-        if one.number in ghosts[:, 8]:
+        if one.number in given:
             one.waited = np.zeros(DETECTION)
+    able = [one for one in tracks if one.is_object and one.first_seen - one.passed_at > CLEAR_S]
     for ghost in ghosts:
-        found, place, pixels, nearest, ghost[8] = ghost[0], ghost[1:3], ghost[7], math.inf, -1
-        for one in tracks:
-            was, now = np.abs(one.color - ghost[9:].reshape(2, 3)).mean(1)
-            if not one.is_object or one.waited[PIXELS] or was > now:
+        found, place, pixels, nearest, ghost[8] = float(ghost[0]), ghost[1:3].tolist(), float(ghost[7]), math.inf, -1
+        for one in able:
+            if one.waited[PIXELS] or abs(found - one.first_seen) >= TRACED_S:
                 continue
-            away, ratio = math.dist(place, one.path[0, PLACE]), pixels / np.median(one.path[:, PIXELS])
-            lately, alike = abs(found - one.first_seen) < TRACED_S, 1 / p.max_area_ratio < ratio < p.max_area_ratio
-            clear = one.first_seen - one.passed_at > CLEAR_S
-            if lately and alike and clear and away < min(nearest, REACH_SIZES * one.size):
+            path, (was, now) = one.path, np.abs(one.color - ghost[9:].reshape(2, 3)).mean(1)
+            away, ratio = math.dist(place, path[0, PLACE]), pixels / np.median(path[:, PIXELS])
+            alike = was <= now and 1 / p.max_area_ratio < ratio < p.max_area_ratio
+            if alike and away < min(nearest, REACH_SIZES * one.size):
                 best, nearest = one, away
         if nearest < math.inf:
             best.waited, ghost[8] = np.array((began, *ghost[1:8], *place)), best.number

@@ -11,6 +11,7 @@ import numpy as np
 
 from ndtorch.foreground.arrays import Bools, Bytes, Floats, Labels
 from ndtorch.foreground.segmentation import Segmentation
+from ndtorch.tracking._kernels_blobs import rename
 from ndtorch.tracking.association import Association, assign_unmatched, associate, share_blob
 from ndtorch.tracking.blobs import Blobs
 from ndtorch.tracking.clutter import BIRTH, empty_clutter_map, recent_births, update_clutter_map
@@ -190,7 +191,8 @@ class Tracker:
                 tracks.append(Track.begin(self.count, time, np.array([box[0] + box[2], box[1] + box[3]]) / 2 / height))
                 self.count += 1
                 owners[r + 1] = self.count
-        self.labels = np.take(owners, blobs.labels)
+        self.labels = np.empty_like(blobs.labels)
+        rename(blobs.labels, owners, self.labels)
         for r, ones in groups:
             share_pixels(self.labels, blobs.labels, r, blobs.boxes[r], ones, time, image, p)
         return groups, absorbed
