@@ -46,7 +46,7 @@ def pack(row: Array, bits: Array) -> None:
 
 
 @jit
-def packed(row: Array) -> int:
+def packed(row: Array) -> Array:
     """Up to 64 bytes as one word."""
     word = np.uint64(0)
     for n in range(row.shape[0]):

@@ -37,7 +37,13 @@ class ShadowLimits(NamedTuple):
 
 @jit
 def remove_shadow(
-    core: Array, light: Array, shadow: Array, limits: ShadowLimits, inside: Array, margin: int, room: tuple[Array, Array]
+    core: Array,
+    light: Array,
+    shadow: Array,
+    limits: ShadowLimits,
+    inside: Array,
+    margin: int,
+    room: tuple[Array, Array],
 ) -> None:
     """Remove shadow from foreground candidates.
 

@@ -45,7 +45,7 @@ def label_components(mask: Array, gap: int, smallest: float, labels: Array, boxe
             word, end = bits[(y + margin) * line + at // WORD], min(at + WORD, width)
             # Mostly nothing is there, and goes on.
             for x in range(at, end if word or before else at):
-                here = np.int64(word >> np.uint64(x - at)) & 1
+                here = int(np.int64(word >> np.uint64(x - at)) & 1)
                 if here != before:
                     runs[count, 0], runs[count, 1], runs[count, 3], owner[count] = y, x, here, count
                     count, before = count + 1, here

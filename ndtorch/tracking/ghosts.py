@@ -72,10 +72,11 @@ def trace_back(ghosts: Numbers, tracks: Sequence[Track], began: float, time: flo
         for one in able:
             if one.waited[PIXELS] or abs(found - one.first_seen) >= TRACED_S:
                 continue
-            path, (was, now) = one.path, np.abs(one.color - ghost[9:].reshape(2, 3)).mean(1)
-            away, ratio = math.dist(place, path[0, PLACE]), pixels / np.median(path[:, PIXELS])
-            alike = was <= now and 1 / p.max_area_ratio < ratio < p.max_area_ratio
-            if alike and away < min(nearest, REACH_SIZES * one.size):
+            away = math.dist(place, one.first[PLACE])
+            if away >= min(nearest, REACH_SIZES * one.size):
+                continue
+            was, now = np.abs(one.color - ghost[9:].reshape(2, 3)).mean(1)
+            if was <= now and 1 / p.max_area_ratio < pixels / np.median(one.path[:, PIXELS]) < p.max_area_ratio:
                 best, nearest = one, away
         if nearest < math.inf:
             best.waited, ghost[8] = np.array((began, *ghost[1:8], *place)), best.number

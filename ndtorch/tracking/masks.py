@@ -44,6 +44,12 @@ class Detection(NamedTuple):
     contrast: float
     shared: bool
 
+    def window(self, height: int) -> tuple[slice, slice]:
+        """Rows and columns of its box in an image of so many rows."""
+        (row, column), (tall, wide) = self.place, self.extent
+        top, left = round((row - tall / 2) * height), round((column - wide / 2) * height)
+        return slice(top, top + round(tall * height)), slice(left, left + round(wide * height))
+
 
 def measure_detections(
     tracks: Sequence[Track], labels: Labels, seen: Segmentation, light: WhiteBalance, shared: set[int]

@@ -57,7 +57,8 @@ def update_appearance_match(track: Track, image: Floats, background: Floats) -> 
     shifts = [(row, column, row, column) for row in (top, bottom) for column in (left, right)]
     there = [[side + by for side, by in zip(before, shift, strict=True)] for shift in shifts]
     new, distances = compare_patches([last, *there, before], track.patch, image, background)
-    track.appearance_error = track.appearance_error + np.array((distances[-1], min(distances[:-1])))
+    stayed, went = track.appearance_error
+    track.appearance_error = stayed + distances[-1], went + min(distances[:-1])
     track.patch_box, track.patch = np.array(last), new
 
 
@@ -84,7 +85,7 @@ def is_rigid_motion(track: Track, light: float) -> bool:
     Args:
         light: of the scene, the mean of the background.
     """
-    stayed, went = track.appearance_error.tolist()
+    stayed, went = track.appearance_error
     doubt = (RIGIDITY_NOISE * light) ** 2
     return bool(stayed - went - doubt >= MIN_RIGIDITY * (stayed + went + doubt))
 

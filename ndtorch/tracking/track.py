@@ -23,6 +23,8 @@ MAX_WAITED_S = 600.0
 """What stood from the first frame on is reported for at most so many seconds before it left."""
 PATCH = 12
 """Rows and columns of the kept appearance of a track."""
+Pair = Sequence[float]
+"""Two plain numbers, as of rows and columns: with arrays of two every sum takes several times as long."""
 MOVED_SIZES = 0.5
 """A track has moved on if it is this many sizes from its anchor."""
 
@@ -102,18 +104,18 @@ class Track:
 
     number: int
     state: TrackState
-    velocity: Numbers
-    extent: Numbers
+    velocity: Pair
+    extent: Pair
     color: Numbers
-    start: Numbers
+    start: Pair
     last_moved: float
-    anchor: Numbers
+    anchor: Pair
     inputs: Numbers
     outputs: Numbers
     shades: Numbers
     patch_box: Numbers
     patch: Floats
-    appearance_error: Numbers
+    appearance_error: Pair
     contrast_sum: float
     shadow_sum: float
     confirmed_at: float
@@ -123,14 +125,14 @@ class Track:
     new_detections: list[tuple[float, ...]] = field(default_factory=list)
 
     @classmethod
-    def begin(cls, number: int, time: float, place: Numbers) -> Track:
+    def begin(cls, number: int, time: float, place: Pair) -> Track:
         """A tentative track without detections."""
-        two, ten, blank = np.zeros(2), np.zeros(10), np.zeros((3, PATCH, PATCH), np.float32)
+        two, ten, blank = (0.0, 0.0), np.zeros(10), np.zeros((3, PATCH, PATCH), np.float32)
         sums = (ten, ten, np.zeros(4), np.zeros(4), blank, two, 0.0, 0.0, -1.0, time, np.zeros(DETECTION))
         none = np.zeros((0, DETECTION))
         return cls(number, TrackState.TENTATIVE, two, two, np.zeros(3), place, time, place, *sums, none)
 
-    def restart(self, time: float, place: Numbers) -> None:
+    def restart(self, time: float, place: Pair) -> None:
         """Forget everything but the number."""
         vars(self).update(vars(Track.begin(self.number, time, place)))
 
@@ -173,9 +175,14 @@ class Track:
         return self.new_detections[-1] if self.new_detections else tuple(self.detections[-1].tolist())
 
     @property
+    def first(self) -> Sequence[float]:
+        """The first detection."""
+        return self.detections[0] if len(self.detections) else self.new_detections[0]
+
+    @property
     def first_seen(self) -> float:
         """Seconds since the first frame."""
-        return float(self.detections[0, 0]) if len(self.detections) else self.new_detections[0][0]
+        return float(self.first[0])
 
     @property
     def last_seen(self) -> float:
@@ -189,8 +196,7 @@ class Track:
     @property
     def size(self) -> float:
         """Mean of height and width."""
-        tall, wide = self.extent.tolist()
-        return float(tall + wide) / 2
+        return (self.extent[0] + self.extent[1]) / 2
 
     @property
     def net_travel(self) -> float:
@@ -199,14 +205,13 @@ class Track:
 
     def expected(self, time: float, most: float) -> tuple[float, float]:
         """Predicted row and column; the prediction goes on for `most` seconds after the latest detection."""
-        last, (down, across) = self.last, self.velocity.tolist()
-        row, column = last[PLACE]
+        last, (down, across) = self.last, self.velocity
         gap = min(time - last[0], most)
-        return row + down * gap, column + across * gap
+        return last[8] + down * gap, last[9] + across * gap
 
     def box(self, time: float, most: float) -> tuple[float, float, float, float]:
         """Predicted top, left, bottom and right, as `expected`."""
-        (row, column), (tall, wide) = self.expected(time, most), self.extent.tolist()
+        (row, column), (tall, wide) = self.expected(time, most), self.extent
         return row - tall / 2, column - wide / 2, row + tall / 2, column + wide / 2
 
 
@@ -264,7 +269,7 @@ def tracks_from_table(table: TrackTable) -> list[Track]:
     arrays = [np.asarray(column) for column in table]
     *columns, length, path = arrays
     paths = np.split(path, np.cumsum(length)[:-1]) if len(length) else []
-    lists = [column.tolist() if column.ndim == 1 else list(column) for column in columns]
+    lists = [column.tolist() if column.shape[1:] in ((), (2,)) else list(column) for column in columns]
     lists[1] = list(map(TrackState, lists[1]))
     return [Track(*row) for row in zip(*lists, paths, strict=True)]
 
@@ -274,7 +279,7 @@ def table_from_tracks(tracks: Sequence[Track]) -> TrackTable:
 
     def stacked(name: str, *shape: int) -> Numbers:
         rows = [getattr(track, name) for track in tracks]
-        return np.stack(rows) if rows else np.zeros((0, *shape))
+        return np.array(rows) if rows else np.zeros((0, *shape))
 
     def numbers(name: str, kind: type = np.float64) -> Any:
         return np.array([getattr(track, name) for track in tracks], kind)

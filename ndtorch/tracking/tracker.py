@@ -188,7 +188,8 @@ class Tracker:
                 owners[r + 1] = tracks[found.fragments[r]].number + 1
             else:
                 box = blobs.boxes[r]
-                tracks.append(Track.begin(self.count, time, np.array([box[0] + box[2], box[1] + box[3]]) / 2 / height))
+                place = (float(box[0] + box[2]) / 2 / height, float(box[1] + box[3]) / 2 / height)
+                tracks.append(Track.begin(self.count, time, place))
                 self.count += 1
                 owners[r + 1] = self.count
         self.labels = np.empty_like(blobs.labels)
@@ -217,11 +218,13 @@ class Tracker:
             large = detection.pixels >= p.min_area_ratio * width
             if not one.is_object and large and one.count and is_small(one, width, p):
                 # All before was a fragment of it.
-                one.restart(time, np.array(detection.place))
+                one.restart(time, detection.place)
             if not one.count:
-                own = self.labels == one.number + 1
-                one.passed_at = float(np.quantile(self.passed[own], 0.25))
-                whole = split_from(tracks, every, before[own], detection, seen.background, own, p)
+                window = detection.window(len(self.labels))
+                own = self.labels[window] == one.number + 1
+                one.passed_at = lower_quartile(self.passed[window][own])
+                ground = seen.background[:, *window][:, own].mean(1)
+                whole = split_from(tracks, every, before[window][own], detection, ground, p)
                 one.start = one.start if whole is None else whole.start
             add_detection(one, time, detection, width, p)
             if not one.is_object and not detection.shared:
@@ -255,13 +258,20 @@ class Tracker:
         return mask
 
 
+def lower_quartile(values: Floats) -> float:
+    """A quarter of the values are below it."""
+    values.sort()
+    at, share = divmod(len(values) - 1, 4)
+    low, high = values[at : at + 2].tolist() if share else 2 * [float(values[at])]
+    return float(low + (high - low) * share / 4)
+
+
 def split_from(
     tracks: Sequence[Track],
     every: Sequence[Detection | None],
     before: Labels,
     new: Detection,
-    background: Floats,
-    own: Bools,
+    ground: Floats,
     p: TrackingParams,
 ) -> Track | None:
     """The object that a new track came off: most of its pixels were of it, it is no small fragment of it, and it looks
@@ -270,12 +280,12 @@ def split_from(
     Args:
         every: detections of the tracks at this step.
         before: numbers, plus one, of the tracks that its pixels were of a step ago, `[n]`.
-        background: `[3, h, w]`, and own: its pixels, `[h, w]`.
+        ground: mean color of the background there, `[3]`.
     """
     most = int(np.bincount(before).argmax()) - 1
     for one, seen in zip(tracks, every, strict=True):
         if one.number == most and one.is_object and seen and p.parent_area_ratio * new.pixels > seen.pixels:
-            ghost = np.abs(new.color - background[:, own].mean(1)).max()
+            ghost = np.abs(new.color - ground).max()
             return one if np.abs(new.color - seen.color).max() < MAX_GHOST_RATIO * ghost else None
     return None
 
@@ -291,8 +301,7 @@ def add_detection(track: Track, time: float, seen: Detection, across: float, p: 
     track.shades = track.shades + seen.shades
     if track.count:
         gap = time - track.last_seen
-        # Plain numbers: arrays of two take several times as long.
-        there, down, extent = track.expected(time, p.max_prediction_s), track.velocity.tolist(), track.extent.tolist()
+        there, down, extent = track.expected(time, p.max_prediction_s), track.velocity, track.extent
         standing = track.state == TrackState.STATIONARY
         if seen.shared or (standing and pixels > p.parent_area_ratio * track.last[PIXELS]):
             pixels, (tall, wide) = track.last[PIXELS], extent
@@ -303,17 +312,16 @@ def add_detection(track: Track, time: float, seen: Detection, across: float, p: 
         else:
             if not track.is_object and pixels > p.max_area_ratio * track.last[PIXELS]:
                 room = min(row - tall / 2, column - wide / 2, 1 - row - tall / 2, across - column - wide / 2)
-                track.start = track.start if room < EDGE else np.array((row, column))
+                track.start = track.start if room < EDGE else (row, column)
             keep = gap / (p.tau_size + gap)
-            track.extent = np.array((extent[0] + keep * (tall - extent[0]), extent[1] + keep * (wide - extent[1])))
+            track.extent = extent[0] + keep * (tall - extent[0]), extent[1] + keep * (wide - extent[1])
             track.color = track.color + keep * (seen.color - track.color)
         # Of a young track the mean of all steps so far.
         pace, span = max(gap / (p.tau_velocity + gap), 1 / track.count), max(gap, 1e-9)
-        residual = row - there[0], column - there[1]
-        track.velocity = np.array([own + pace * by / span for own, by in zip(down, residual, strict=True)])
+        track.velocity = down[0] + pace * (row - there[0]) / span, down[1] + pace * (column - there[1]) / span
     else:
-        track.extent, track.color = np.array((tall, wide)), seen.color
+        track.extent, track.color = (tall, wide), seen.color
     if math.dist((row, column), track.anchor) > MOVED_SIZES * track.size:
-        track.last_moved, track.anchor = time, np.array((row, column))
+        track.last_moved, track.anchor = time, (row, column)
     box = row - tall / 2, column - wide / 2, row + tall / 2, column + wide / 2
     track.new_detections.append((time, *seen.inner, *box, pixels, row, column))

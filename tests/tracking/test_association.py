@@ -15,7 +15,7 @@ from ndtorch.tracking.track import Track, TrackState
 def track(number: int, time: float, row: float, column: float, extent: float = 0.1, pixels: float = 0.01) -> Track:
     """An object with one detection."""
     one = Track.begin(number, time, np.array([row, column]))
-    one.state, one.extent = TrackState.CONFIRMED, np.full(2, extent)
+    one.state, one.extent = TrackState.CONFIRMED, 2 * (extent,)
     one.new_detections.append((time, *[0.0] * 6, pixels, row, column))
     return one
 
@@ -79,7 +79,7 @@ def test_two_tracks_share_a_blob_in_its_middle() -> None:
 
 def test_a_track_is_expected_where_it_should_be() -> None:
     one = track(1, 2.0, 0.4, 0.7)
-    one.velocity, one.extent = np.array([0.1, -0.2]), np.array([0.3, 0.1])
+    one.velocity, one.extent = (0.1, -0.2), (0.3, 0.1)
     assert one.expected(3.0, 5.0) == pytest.approx([0.5, 0.5])
     assert one.box(3.0, 5.0) == pytest.approx([0.35, 0.45, 0.65, 0.55])
     # The prediction ends.

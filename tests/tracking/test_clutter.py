@@ -25,7 +25,7 @@ def track(
     steps = round(seconds / DT)
     columns = np.linspace(left, right, steps)
     one = Track.begin(number, 0.0, np.array([0.5, columns[0]]))
-    one.state, one.extent = TrackState(known), np.full(2, size)
+    one.state, one.extent = TrackState(known), 2 * (size,)
     for n, column in enumerate(columns.tolist()):
         box = (0.5 - size / 2, column - size / 2, 0.5 + size / 2, column + size / 2)
         one.new_detections.append((n * DT, 0.5, column, *box, size**2, 0.5, column))

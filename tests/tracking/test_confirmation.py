@@ -27,7 +27,7 @@ def test_an_object_has_gone_a_share_of_its_size_and_of_the_picture(
     size: float, gone: float, params: TrackingParams, is_one: bool
 ) -> None:
     one = Track.begin(0, 0.0, np.array([0.5, 0.5]))
-    one.extent = np.array([size, size])
+    one.extent = (size, size)
     for n in range(26):
         column = 0.5 + gone * n / 25
         one.new_detections.append((n / 25, 0.5, column, 0.5, column, 0.5, column, 0.01, 0.5, column))

@@ -18,7 +18,7 @@ LEAST = P.min_area_ratio * 160 * 100
 
 def seen(row: float, column: float, pixels: float) -> Track:
     one = Track.begin(0, 0.0, np.array([row, column]))
-    one.extent = np.full(2, 0.02)
+    one.extent = 2 * (0.02,)
     one.new_detections.append(
         (0.0, row, column, row - 0.01, column - 0.01, row + 0.01, column + 0.01, pixels, row, column)
     )

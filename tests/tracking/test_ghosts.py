@@ -48,7 +48,7 @@ def test_a_ghost_is_traced_to_the_track_that_looks_more_like_it_than_like_the_gr
     """What leaves is measured together with the ground that it uncovers: that share of its mean color is its own."""
     was, now, place = np.array((0.2, 0.1, 0.1)), np.array((0.8, 0.8, 0.7)), (0.3, 0.3)
     one = Track.begin(4, 5.0, np.array(place))
-    one.state, one.extent, one.passed_at = TrackState.CONFIRMED, np.full(2, 0.1), -9.0
+    one.state, one.extent, one.passed_at = TrackState.CONFIRMED, 2 * (0.1,), -9.0
     one.color = share * was + (1 - share) * now
     one.new_detections.append((5.0, *place, 0.25, 0.25, 0.35, 0.35, 0.01, *place))
     ghost = np.array([(5.5, *place, 0.25, 0.25, 0.35, 0.35, 0.01, -1, *was, *now)])

@@ -26,7 +26,7 @@ def track(
 ) -> Track:
     """A square that stays where it is, seen from time 0 on."""
     one = Track.begin(number, 0.0, np.array(place))
-    one.state, one.extent = TrackState(known), np.full(2, size)
+    one.state, one.extent = TrackState(known), 2 * (size,)
     box = (place[0] - size / 2, place[1] - size / 2, place[0] + size / 2, place[1] + size / 2)
     one.new_detections = [(n * DT, *place, *box, size**2, *place) for n in range(steps)]
     return one

@@ -37,7 +37,7 @@ def textured(contrast: float, side: int) -> np.ndarray[tuple[int, ...], np.dtype
 def followed(lefts: list[int], shown: list[int], contrast: float) -> Track:
     """A track whose box begins at these columns; the thing itself is at others."""
     one, thing = Track.begin(0, 0.0, np.array([0.5, 0.2])), textured(contrast, 20)
-    one.extent, plain = np.full(2, 0.2), np.full((3, 100, 160), LIGHT, np.float32)
+    one.extent, plain = 2 * (0.2,), np.full((3, 100, 160), LIGHT, np.float32)
     for n, (left, at) in enumerate(zip(lefts, shown, strict=True)):
         picture = plain.copy()
         picture[:, 40:60, at : at + 20] += thing
@@ -92,7 +92,7 @@ def test_patches_are_those_of_opencv() -> None:
 def walked(columns: list[float], dt: float = 0.1) -> Track:
     """A track of size .2 that was at these columns, one after the other."""
     one = Track.begin(0, 0.0, np.array([0.5, columns[0]]))
-    one.extent = np.full(2, 0.2)
+    one.extent = 2 * (0.2,)
     for n, at in enumerate(columns):
         one.new_detections.append((n * dt, 0.5, at, 0.4, at - 0.1, 0.6, at + 0.1, 0.04, 0.5, at))
     return one

@@ -25,7 +25,7 @@ NOW = 2.0
 def track(number: int, column: float, color: np.ndarray, seconds: float = 1.5, parked: bool = False) -> Track:
     """An object of a fifth of the picture that stood at one place until now."""
     one = Track.begin(number, 0.0, np.array([0.5, column]))
-    one.state, one.extent, one.color = TrackState.CONFIRMED, np.full(2, SIDE / HEIGHT), color
+    one.state, one.extent, one.color = TrackState.CONFIRMED, 2 * (SIDE / HEIGHT,), color
     if parked:
         one.state, one.last_moved = TrackState.STATIONARY, NOW - 1.01 * PARKED_S
     for time in (NOW - 0.04 - seconds, NOW - 0.04):
