@@ -116,6 +116,7 @@ def foreground_candidates(
 def clean_mask(
     found: MaskImages,
     initialised: Array,
+    unknown: int,
     static_time: Array,
     trail: float,
     shadow_limits: ShadowLimits,
@@ -127,7 +128,8 @@ def clean_mask(
 
     Args:
         found: of `foreground_candidates`; candidates are removed where no background is known.
-        initialised: above 0 where the background is known; static_time: seconds without motion, `[h, w]`.
+        initialised: above 0 where the background is known, `[h, w]`, and unknown: pixels where it is not.
+        static_time: seconds without motion, `[h, w]`.
         trail: what moved within so many seconds counts as moving.
         mask: becomes 1 for foreground, and narrow: 1 where a narrow shadow may be, `[h, w]` uint8.
     """
@@ -137,7 +139,9 @@ def clean_mask(
     line, size = inside.shape[0], inside.shape[0] * (height + 2 * margin)
     marks, room = np.zeros(size, np.uint64), (np.zeros(size, np.uint64), np.zeros(size, np.uint64))
     for y in range(height):
-        dark |= where_known(candidates[y], initialised[y], found.narrow[y], sides.broad, narrow[y])
+        if unknown:
+            keep_known(candidates[y], found.narrow[y], initialised[y])
+        dark |= copy_wanted(found.narrow[y], sides.broad, narrow[y])
         pack(candidates[y], row_of(marks, y, line, margin))
     allowed = marks.copy()
     remove_shadow(marks, found.light, found.shadow, shadow_limits, inside, margin, room)
@@ -147,7 +151,7 @@ def clean_mask(
         marks[n] &= allowed[n]
     # Where no background is known, motion counts if it is broad: edges of what is stationary tremble.
     recent = np.zeros(size, np.uint64)
-    for y in range(height):
+    for y in range(height if unknown else 0):
         if mark_recent(static_time[y], initialised[y], trail, mask[y]):
             pack(mask[y], row_of(recent, y, line, margin))
             young = 1
@@ -166,13 +170,20 @@ def clean_mask(
 
 
 @jit
-def where_known(candidates: Array, initialised: Array, pale: Array, wanted: int, narrow: Array) -> int:
-    """Remove candidates of a row where no background is known; whether the row has narrow shadow candidates."""
-    dark, asked = np.uint8(0), np.uint8(wanted > 0)
+def keep_known(candidates: Array, pale: Array, initialised: Array) -> None:
+    """Remove candidates of a row where no background is known."""
     for x in range(candidates.shape[0]):
         known = np.uint8(initialised[x] > 0)
         candidates[x] &= known
-        narrow[x] = pale[x] & known & asked
+        pale[x] &= known
+
+
+@jit
+def copy_wanted(pale: Array, wanted: int, narrow: Array) -> int:
+    """Copy narrow shadow candidates of a row if they are wanted; whether there are any."""
+    dark, asked = np.uint8(0), np.uint8(wanted > 0)
+    for x in range(narrow.shape[0]):
+        narrow[x] = pale[x] & asked
         dark |= narrow[x]
     return int(dark)
 
@@ -205,36 +216,58 @@ def learn(
     deviation: Array,
     static_time: Array,
     initialised: Array,
+    unknown: int,
     rates: LearningRates,
-) -> None:
-    """See `ndtorch.foreground.background.update_background`; mean, deviation and initialised are updated."""
-    kind, width = image.dtype.type, image.shape[2]
+) -> int:
+    """See `ndtorch.foreground.background.update_background`; mean, deviation and initialised are updated.
+
+    Args:
+        unknown: pixels where the background is not known.
+
+    Returns:
+        The pixels where it is not known then.
+    """
+    kind, width, left = image.dtype.type, image.shape[2], 0
     pace, slow, fresh = np.empty(width, kind), np.empty(width, kind), np.empty(width, kind)
     for y in range(image.shape[1]):
-        paces(kept[y], static_time[y], initialised[y], rates, pace, slow, fresh)
+        paces(kept[y], rates, pace, slow)
+        fresh[:] = 0
+        if unknown:
+            left += first_paces(static_time[y], initialised[y], rates, pace, slow, fresh)
         for c in range(3):
             limits = (kind(noise[c]), kind(rates.outlier_limit), kind(rates.noise))
             follow(image[c, y], mean[c, y], deviation[c, y], limits, pace, slow, fresh)
+    return left
 
 
 @jit
-def paces(
-    kept: Array, static_time: Array, initialised: Array, rates: LearningRates, pace: Array, slow: Array, fresh: Array
-) -> None:
-    """Paces of background and noise in a row, and 1 where the background becomes known, 0 elsewhere."""
+def paces(kept: Array, rates: LearningRates, pace: Array, slow: Array) -> None:
+    """Paces of background and noise in a row where the background is known."""
     kind = pace.dtype.type
-    step, share, noise_share = kind(rates.dt), kind(rates.background), kind(rates.noise)
-    held, one = kind(1 - rates.object_ratio), kind(1)
+    share, noise_share, held, one = kind(rates.background), kind(rates.noise), kind(1 - rates.object_ratio), kind(1)
     swing = min(kind(SWING_PACE) * noise_share, one)
     for x in range(pace.shape[0]):
         free = one - held * min(kept[x], one)
+        pace[x] = share * free
+        slow[x] = swing if kept[x] == SWINGS else noise_share * free if kept[x] <= one else kind(0)
+
+
+@jit
+def first_paces(
+    static_time: Array, initialised: Array, rates: LearningRates, pace: Array, slow: Array, fresh: Array
+) -> int:
+    """Those where it is not known, and 1 where it becomes known, 0 elsewhere; returns where it is not known then."""
+    kind, left = pace.dtype.type, np.int32(0)
+    step, noise_share = kind(rates.dt), kind(rates.noise)
+    for x in range(pace.shape[0]):
         before = initialised[x] > 0
         settled = before | (static_time[x] >= rates.needed)
         initialised[x] = settled
-        pace[x] = share * free if before else step / (static_time[x] + step)
-        under = noise_share * free if kept[x] <= one else kind(0)
-        slow[x] = (swing if kept[x] == SWINGS else under) if before else noise_share
+        pace[x] = pace[x] if before else step / (static_time[x] + step)
+        slow[x] = slow[x] if before else noise_share
         fresh[x] = settled & (not before)
+        left += not settled
+    return int(left)
 
 
 @jit

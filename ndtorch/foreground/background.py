@@ -110,7 +110,7 @@ class BackgroundState(NamedTuple):
 @dataclass
 class BackgroundModel:
     """A `BackgroundState` in arrays of its own, which each step changes in place, with buffers for the images of a
-    step."""
+    step, and the number of pixels where the background is `unknown`."""
 
     mean: Floats
     deviation: Floats
@@ -125,6 +125,7 @@ class BackgroundModel:
         shape = self.mean.shape
         self.image, self.blurred, (self.grey, self.light) = aligned(*shape), aligned(*shape), aligned(2, *shape[1:])
         self.marks = np.empty((5, *shape[1:]), np.uint8)
+        self.unknown = np.count_nonzero(self.initialised == 0)
 
     @classmethod
     def start(cls, image: Floats, p: BackgroundParams) -> BackgroundModel:
@@ -187,7 +188,8 @@ def update_background(
         object_ratio=p.object_learning_ratio,
         outlier_limit=OUTLIER_LIMIT,
     )
-    learn(image, noise, kept, model.mean, model.deviation, model.static_time, model.initialised, rates)
+    known = (model.static_time, model.initialised, model.unknown)
+    model.unknown = learn(image, noise, kept, model.mean, model.deviation, *known, rates)
 
 
 def replace_background(model: BackgroundModel, image: Floats, ghost: Bools) -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.foreground.arrays import Array
-from ndtorch.foreground.morphology import WORD, dilate, inside_row, majority_filter, pack, row_of
+from ndtorch.foreground.morphology import WORD, dilate, inside_row, majority_filter, mirrored, pack, row_of
 from ndtorch.utils.jit import jit
 from ndtorch.utils.selection import median
 
@@ -49,23 +49,25 @@ def subsample(image: Array) -> Array:
 
 @jit
 def motion_and_noise(
+    image: Array,
     blurred: Array,
     previous: Array,
     flicker: Array,
     static_time: Array,
     initialised: Array,
+    unknown: int,
     candidates: Array,
     limits: MotionLimits,
 ) -> float:
-    """Update the static time and the flicker of every pixel.
+    """Blur an image by a square, and update the static time and the flicker of every pixel.
 
     A pixel moves if it changes by more than the noise of the image and its own flicker, or, where the background is not
     initialised, if it is a foreground candidate. Its neighbours move with it.
 
     Args:
-        blurred, previous: this frame and the one before, `[3, h, w]`.
+        image: this frame, and blurred: becomes it, blurred; previous: the blurred frame before, `[3, h, w]`.
         flicker, static_time: mean change from frame to frame, and seconds without motion, `[h, w]`; updated.
-        initialised: above 0 where the background is known, `[h, w]`.
+        initialised: above 0 where the background is known, `[h, w]`, and unknown: pixels where it is not.
         candidates: 1 for foreground candidates, `[h, w]` uint8.
 
     Returns:
@@ -75,10 +77,13 @@ def motion_and_noise(
     kind = blurred.dtype.type
     change, changed_blocks = np.empty((height, width), blurred.dtype), 0
     across, whole = width // BLOCK_PX, height % BLOCK_PX == 0 and width % BLOCK_PX == 0
-    sums = np.zeros((3, width), kind)
+    sums, line = np.zeros((3, width), kind), np.empty(width + 2, kind)
     least_sum, third = kind(BLOCK_CHANGE * BLOCK_PX * BLOCK_PX), kind(1 / 3)
     for y in range(height):
         for c in range(3):
+            add_three(image[c, mirrored(y - 1, height)], image[c, y], image[c, mirrored(y + 1, height)], line)
+            line[0], line[width + 1] = line[2], line[width - 1]
+            mean_of_three(line, blurred[c, y])
             add_change(blurred[c, y], previous[c, y], change[y], sums[c], c == 0)
         for x in range(width):
             change[y, x] *= third
@@ -88,14 +93,14 @@ def motion_and_noise(
                 changed_blocks += largest > least_sum
     some = subsample(change)
     noise = kind(median(some, some.shape[0]) / kind(MEDIAN_SIZE))
-    over, margin, unknown = np.empty(width, np.uint8), 3, 0
+    over, margin = np.empty(width, np.uint8), 3
     inside = inside_row(width, margin)
     line = inside.shape[0]
     size = line * (height + 2 * margin)
     marks, moves = np.zeros(size, np.uint64), np.zeros(size, np.uint64)
     room = (np.empty(size, np.uint64), np.empty(size, np.uint64))
     for y in range(height):
-        unknown += mark_motion(change[y], flicker[y], initialised[y], noise, limits, over)
+        mark_motion(change[y], flicker[y], noise, limits, over)
         pack(over, row_of(marks, y, line, margin))
     majority_filter(marks, width, inside, margin, moves)
     if unknown:
@@ -108,6 +113,21 @@ def motion_and_noise(
     for y in range(height):
         count_time(row_of(moves, y, line, margin), kind(limits.dt), static_time[y])
     return changed_blocks / (height // BLOCK_PX * across) if whole else -1.0
+
+
+@jit
+def add_three(upper: Array, middle: Array, lower: Array, line: Array) -> None:
+    """Sums of three rows, from the second place on."""
+    for x in range(middle.shape[0]):
+        line[x + 1] = upper[x] + middle[x] + lower[x]
+
+
+@jit
+def mean_of_three(line: Array, means: Array) -> None:
+    """A ninth of the sums of three neighbours."""
+    ninth = means.dtype.type(1 / 9)
+    for x in range(means.shape[0]):
+        means[x] = (line[x] + line[x + 1] + line[x + 2]) * ninth
 
 
 @jit
@@ -136,21 +156,16 @@ def block_sum(sums: Array, n: int) -> float:
 
 
 @jit
-def mark_motion(
-    change: Array, flicker: Array, initialised: Array, noise: float, limits: MotionLimits, over: Array
-) -> int:
-    """Mark changes above the noise in a row and update its flicker; returns how many pixels are not initialised."""
+def mark_motion(change: Array, flicker: Array, noise: float, limits: MotionLimits, over: Array) -> None:
+    """Mark changes above the noise in a row and update its flicker."""
     kind = change.dtype.type
     moved, spread, usual = kind(limits.min_motion), kind(limits.threshold_sigma), kind(1 / MEAN_SIZE)
     outlier, share, lowest = kind(limits.outlier_limit), kind(limits.learning_share), kind(noise)
-    unknown = np.int32(0)
     for x in range(over.shape[0]):
         here, own = change[x], flicker[x]
         least = max(lowest, own * usual)
         over[x] = here > max(moved, spread * least)
         flicker[x] = own + share * (min(here, outlier * least) - own)
-        unknown += np.int32(initialised[x] == 0)
-    return int(unknown)
 
 
 @jit

@@ -15,7 +15,6 @@ from ndtorch.foreground.background import (
     SHADOW_CLOSING_RATIO,
     BackgroundModel,
     BackgroundParams,
-    blur,
     noise_share,
 )
 from ndtorch.foreground.illumination import changed_block_ratio, illumination, is_uncorrelated
@@ -89,17 +88,18 @@ def segment(raw: Floats, model: BackgroundModel, dt: float, p: BackgroundParams)
         broad=WINDOW_PX + 2 * PENUMBRA_PX if colorfulness >= MIN_COLORFULNESS else 0,
     )
     shadow = ShadowLimits(p.shadow_min_ratio, p.shadow_max_variation_ratio)
-    clean_mask(found, m.initialised, m.static_time, MOTION_TRAIL_S, shadow, sides, mask, narrow)
+    clean_mask(found, m.initialised, m.unknown, m.static_time, MOTION_TRAIL_S, shadow, sides, mask, narrow)
     update_swinging(m.swinging, mask, m.frames, dt)
     return Segmentation(m.image, m.grey, m.mean, m.deviation, noise, mask.view(np.bool_), narrow, False)
 
 
 def update_motion(model: BackgroundModel, found: MaskImages, dt: float, p: BackgroundParams) -> float:
     """Update static time, flicker and the blurred frame; returns the share of blocks that changed."""
-    blur(found.image, model.blurred)
     limits = MotionLimits(dt, p.min_motion_ratio, p.threshold_sigma, noise_share(model.frames, dt, p), OUTLIER_LIMIT)
-    m = model
-    changed = motion_and_noise(m.blurred, m.previous, m.flicker, m.static_time, m.initialised, found.candidates, limits)
+    m, known = model, (model.initialised, model.unknown)
+    changed = motion_and_noise(
+        found.image, m.blurred, m.previous, m.flicker, m.static_time, *known, found.candidates, limits
+    )
     if changed < 0:
         changed = changed_block_ratio(m.blurred, m.previous)
     m.previous, m.blurred = m.blurred, m.previous

@@ -129,7 +129,7 @@ def test_the_mask_is_cleaned_as_opencv_does(closing: int, moving: int, colored: 
     image, found = np.zeros((3, *size), np.float32), [np.empty(size, np.uint8) for _ in range(2)]
     sides = CleaningSides(closing, moving, 3, 9 if colored else 0)
     images = MaskImages(image, light, light, out.copy(), may_be, pale)
-    clean_mask(images, initialised, static, trail, limits, sides, *found)
+    clean_mask(images, initialised, int((initialised <= 0).sum()), static, trail, limits, sides, *found)
 
     def morph(marks: Any, how: int, side: int) -> Any:
         return np.asarray(cv2.morphologyEx(marks, how, np.ones((side, side), np.uint8)), np.uint8)
@@ -151,13 +151,17 @@ def test_the_mask_is_cleaned_as_opencv_does(closing: int, moving: int, colored: 
 def test_motion_is_change_above_the_noise_and_its_neighbours_move_along(size: tuple[int, int], known: float) -> None:
     chance, limits = np.random.default_rng(5), MotionLimits(DT, 0.012, 3.0, 0.2, 3.0)
     previous = chance.random((3, *size)).astype(np.float32)
-    blurred = previous + chance.normal(0, 0.004, previous.shape).astype(np.float32)
-    blurred[:, 8:24, 16:40] += 0.2
+    image = previous + chance.normal(0, 0.012, previous.shape).astype(np.float32)
+    image[:, 8:24, 16:40] += 0.2
+    previous, wanted = (np.stack([cv2.blur(plane, (3, 3)) for plane in one]) for one in (previous, image))
+    blurred = np.empty_like(image)
     flicker, static = (aligned_copy(plane) for plane in (chance.uniform(0, 0.01, size), chance.random(size)))
     initialised = (chance.random(size) < known).astype(np.float32)
     candidates = (chance.random(size) < 0.6).astype(np.uint8)
     own, before = flicker.copy(), static.copy()
-    changed = motion_and_noise(blurred, previous, flicker, static, initialised, candidates, limits)
+    unknown = int((initialised <= 0).sum())
+    changed = motion_and_noise(image, blurred, previous, flicker, static, initialised, unknown, candidates, limits)
+    assert np.allclose(blurred, wanted, atol=1e-6)
 
     change = np.abs(blurred - previous).mean(0)
     rows, columns = ((n + 1) // 2 for n in size)
