@@ -293,6 +293,27 @@ def shared_network(
 
 
 @jit
+def over_recent_maxima(signals: Array, ends: Array, keep: float, floor: float, level: Array, inputs: Array) -> None:
+    """See `ndtorch.binding.normalise.FieldInputs`.
+
+    Args:
+        signals: `[T, F, N]`, and inputs: become those over the levels.
+        ends: the feature after the last one of each group, `[G]`.
+        keep: share of the level that is left a step later.
+        level: largest signals of each group lately, `[G]`; updated.
+    """
+    kind, begin = signals.dtype.type, 0
+    for g in range(ends.shape[0]):
+        for t in range(signals.shape[0]):
+            level[g] = max(kind(keep) * level[g], signals[t, :, begin : ends[g]].max())
+            least = max(level[g], kind(floor))
+            for f in range(signals.shape[1]):
+                for n in range(begin, ends[g]):
+                    inputs[t, f, n] = signals[t, f, n] / least
+        begin = ends[g]
+
+
+@jit
 def inverse(weights: Array) -> Array:
     """`(I + W)^-1`, `[N, N]` in double precision."""
     count = weights.shape[0]

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import Literal, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_state, check_tensor
+from ndtorch.binding._kernels import over_recent_maxima
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, HighPass, RecentMaxState, RunningMax, time_dim
@@ -104,8 +106,8 @@ class FieldInputs(nn.Module):
         floor: smallest divisor, in the signals' units.
 
     Shapes:
-        signals `[..., T, F, 10]`, not negative -> inputs like them, and the group maxima `[..., 3]`; `None` for them
-        starts with the first sample's.
+        signals `[T, F, 10]`, not negative -> inputs like them, and the group maxima `[3]`; `None` for them starts with
+        the first sample's.
     """
 
     def __init__(self, dt: float, memory: float = 20.0, floor: float = 0.02) -> None:
@@ -116,16 +118,14 @@ class FieldInputs(nn.Module):
         self.keep, self.floor = math.exp(-dt / memory), floor
 
     def forward(self, signals: Tensor, level: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        time_dim(signals, 2, "signals")
         check_tensor("signals", signals)
-        if signals.shape[-1] != 10:
-            raise InputError(f"signals must be [..., T, F, 10], got {tuple(signals.shape)}")
-        maxima, levels = group_max(signals).amax(-2), []
-        for largest in maxima.unbind(-2):
-            level = largest if level is None else torch.maximum(self.keep * level, largest)
-            levels.append(level)
-        assert level is not None
-        return over_groups(signals, torch.stack(levels, -2).clamp_min(self.floor).unsqueeze(-2)), level
+        if signals.ndim != 3 or signals.shape[-1] != 10:
+            raise InputError(f"signals must be [T, F, 10], got {tuple(signals.shape)}")
+        inputs = torch.empty_like(signals)
+        after = signals.new_zeros(3) if level is None else level.clone()
+        ends = np.array([group.stop for group in GROUPS.values()])
+        over_recent_maxima(signals.numpy(), ends, self.keep, self.floor, after.numpy(), inputs.numpy())
+        return inputs, after
 
 
 def group_max(signals: Tensor) -> Tensor:

@@ -77,16 +77,25 @@ def motion_and_noise(
     kind = blurred.dtype.type
     change, changed_blocks = np.empty((height, width), blurred.dtype), 0
     across, whole = width // BLOCK_PX, height % BLOCK_PX == 0 and width % BLOCK_PX == 0
-    sums, line = np.zeros((3, width), kind), np.empty(width + 2, kind)
+    sums, lines = np.zeros((3, width), kind), np.empty((3, width + 2), kind)
     least_sum, third = kind(BLOCK_CHANGE * BLOCK_PX * BLOCK_PX), kind(1 / 3)
+    ninth = kind(1 / 9)
     for y in range(height):
-        for c in range(3):
-            add_three(image[c, mirrored(y - 1, height)], image[c, y], image[c, mirrored(y + 1, height)], line)
-            line[0], line[width + 1] = line[2], line[width - 1]
-            mean_of_three(line, blurred[c, y])
-            add_change(blurred[c, y], previous[c, y], change[y], sums[c], c == 0)
+        above, below = mirrored(y - 1, height), mirrored(y + 1, height)
         for x in range(width):
-            change[y, x] *= third
+            for c in range(3):
+                lines[c, x + 1] = image[c, above, x] + image[c, y, x] + image[c, below, x]
+        for c in range(3):
+            lines[c, 0], lines[c, width + 1] = lines[c, 2], lines[c, width - 1]
+        for x in range(width):
+            total = kind(0)
+            for c in range(3):
+                mean = (lines[c, x] + lines[c, x + 1] + lines[c, x + 2]) * ninth
+                difference = mean - previous[c, y, x]
+                blurred[c, y, x] = mean
+                total += abs(difference)
+                sums[c, x] += difference
+            change[y, x] = total * third
         if whole and y % BLOCK_PX == BLOCK_PX - 1:
             for n in range(across):
                 largest = max(block_sum(sums[0], n), block_sum(sums[1], n), block_sum(sums[2], n))
@@ -113,36 +122,6 @@ def motion_and_noise(
     for y in range(height):
         count_time(row_of(moves, y, line, margin), kind(limits.dt), static_time[y])
     return changed_blocks / (height // BLOCK_PX * across) if whole else -1.0
-
-
-@jit
-def add_three(upper: Array, middle: Array, lower: Array, line: Array) -> None:
-    """Sums of three rows, from the second place on."""
-    for x in range(middle.shape[0]):
-        line[x + 1] = upper[x] + middle[x] + lower[x]
-
-
-@jit
-def mean_of_three(line: Array, means: Array) -> None:
-    """A ninth of the sums of three neighbours."""
-    ninth = means.dtype.type(1 / 9)
-    for x in range(means.shape[0]):
-        means[x] = (line[x] + line[x + 1] + line[x + 2]) * ninth
-
-
-@jit
-def add_change(row: Array, previous: Array, change: Array, sums: Array, first: bool) -> None:
-    """Add the change of one color of a row to `change` (begun at the first color), and its gain to `sums`."""
-    if first:
-        for x in range(change.shape[0]):
-            difference = row[x] - previous[x]
-            change[x] = abs(difference)
-            sums[x] += difference
-        return
-    for x in range(change.shape[0]):
-        difference = row[x] - previous[x]
-        change[x] += abs(difference)
-        sums[x] += difference
 
 
 @jit

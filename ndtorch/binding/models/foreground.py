@@ -22,7 +22,7 @@ from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.config import Constants, ModelConfig, Size, constant
 from ndtorch.errors import InputError
-from ndtorch.foreground.arrays import Bytes, Floats, aligned_copy
+from ndtorch.foreground.arrays import Bytes, Floats, aligned, aligned_copy
 from ndtorch.foreground.background import (
     BackgroundModel,
     BackgroundParams,
@@ -287,8 +287,9 @@ class ForegroundModel(BindingModel):
         """A scene that goes on; the state is left as it is."""
         tracker = Tracker(scene.tracker, self.dt, self.config.tracking)
         features: Any = mapped(scene.features, lambda _, part: aligned_copy(part))  # type: ignore[arg-type, return-value]
-        background, kept = BackgroundModel.of(scene.background), aligned_copy(scene.kept)
-        return WorkBuffers(aligned_copy(scene.first), background, kept, tracker, features)
+        # No step changes the first image, or reads where the background was not learned at the last one.
+        first, kept = np.asarray(scene.first), aligned(*self.small)
+        return WorkBuffers(first, BackgroundModel.of(scene.background), kept, tracker, features)
 
     def _step(self, image: Floats, work: WorkBuffers, time: float) -> Step:
         """One image `[3, h, w]`; the buffers are changed."""
