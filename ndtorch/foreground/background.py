@@ -125,7 +125,7 @@ class BackgroundModel:
         shape = self.mean.shape
         self.image, self.blurred, (self.grey, self.light) = aligned(*shape), aligned(*shape), aligned(2, *shape[1:])
         self.marks = np.empty((5, *shape[1:]), np.uint8)
-        self.unknown = np.count_nonzero(self.initialised == 0)
+        self.unknown = int((self.initialised == 0).sum())
 
     @classmethod
     def start(cls, image: Floats, p: BackgroundParams) -> BackgroundModel:
