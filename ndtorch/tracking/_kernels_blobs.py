@@ -7,7 +7,7 @@ from math import ceil, floor
 import numpy as np
 
 from ndtorch.foreground.arrays import Array
-from ndtorch.foreground.morphology import WORD, any_nonzero, closing, inside_row, pack, row_of
+from ndtorch.foreground.morphology import WORD, any_nonzero, closing, inside_row, mirrored, pack, row_of
 from ndtorch.utils.jit import jit
 
 
@@ -152,6 +152,56 @@ def mark_still(
                     still[y, x] = True
                     count += 1
     return count
+
+
+@jit
+def find_ghosts(labels: Array, mask: Array, grey: Array, background: Array, ghost: Array) -> None:
+    """See `ndtorch.tracking.blobs.ghosts`.
+
+    Args:
+        labels: number of the component of every pixel from 1, `[h, w]` int32.
+        mask: foreground, `[h, w]` bool; grey: the image, `[h, w]`, and background: `[3, h, w]`.
+        ghost: becomes whether each component is a ghost, `[components + 1]` bool.
+    """
+    height, width = labels.shape
+    count, ground = ghost.shape[0], np.empty((height, width), grey.dtype)
+    for y in range(height):
+        for x in range(width):
+            ground[y, x] = (background[0, y, x] + background[1, y, x] + background[2, y, x]) / 3
+    whole, outer, edges = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros((2, count))
+    ours, theirs = edge_sizes(grey), edge_sizes(ground)
+    for y in range(height):
+        for x in range(width if any_nonzero(labels[y]) else 0):
+            r = labels[y, x]
+            if r == 0:
+                continue
+            rows, columns = slice(max(y - 1, 0), y + 2), slice(max(x - 1, 0), x + 2)
+            if labels[rows, columns].all():
+                continue
+            whole[r] += 1
+            # The side towards what moves says nothing: that may be the object itself.
+            if not mask[rows, columns].all():
+                outer[r] += 1
+                edges[0, r] += ours[rows, columns].max()
+                edges[1, r] += theirs[rows, columns].max()
+    for r in range(1, count):
+        ghost[r] = 2 * outer[r] > whole[r] and edges[1, r] > edges[0, r]
+
+
+@jit
+def edge_sizes(image: Array) -> Array:
+    """Magnitudes of the Sobel filter across plus those along, `[h, w]`; edges are mirrored."""
+    height, width = image.shape
+    size, sums, steps = np.empty_like(image), np.empty(width + 2, image.dtype), np.empty(width + 2, image.dtype)
+    for y in range(height):
+        upper, middle, lower = image[mirrored(y - 1, height)], image[y], image[mirrored(y + 1, height)]
+        for x in range(width):
+            sums[x + 1], steps[x + 1] = upper[x] + 2 * middle[x] + lower[x], lower[x] - upper[x]
+        for line in (sums, steps):
+            line[0], line[width + 1] = line[1 + mirrored(-1, width)], line[1 + mirrored(width, width)]
+        for x in range(width):
+            size[y, x] = abs(sums[x + 2] - sums[x]) + abs(steps[x] + 2 * steps[x + 1] + steps[x + 2])
+    return size
 
 
 @jit

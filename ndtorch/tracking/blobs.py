@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ndtorch.foreground.arrays import Bools, Bytes, Floats, Labels
 from ndtorch.foreground.background import BackgroundModel, BackgroundParams
 from ndtorch.foreground.segmentation import Segmentation
-from ndtorch.tracking._kernels_blobs import label_components, mark_cast, mark_still, split_components
+from ndtorch.tracking._kernels_blobs import find_ghosts, label_components, mark_cast, mark_still, split_components
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.track import Track, is_small
 
@@ -142,38 +142,17 @@ def ghosts(mask: Bools, still: Bools, grey: Floats, background: Floats, smallest
     None if there is none.
 
     Args:
-        mask: foreground, `[h, w]`.
-        still: where nothing has moved for a while, `[h, w]`.
+        mask: foreground, and still: that where nothing has moved for a while, `[h, w]`.
         grey: the image in grey, `[h, w]`; background: `[3, h, w]`.
         smallest: pixels of the smallest ghost.
     """
-    import cv2
-
-    quiet = connected_components(mask & still, smallest, 0)
-    count = len(quiet.areas)
-    if not count:
+    quiet = connected_components(still, smallest, 0)
+    if not len(quiet.areas):
         return None
     # Nothing beyond these components is looked at.
     top, left = np.maximum(quiet.boxes[:, :2].min(0) - 3, 0)
     bottom, right = quiet.boxes[:, 2:].max(0) + 3
     window = (slice(top, bottom), slice(left, right))
-    names = quiet.labels[window]
-    inside = (names > 0).astype(np.uint8)
-    square = np.ones((3, 3), np.uint8)
-    rim = (inside > 0) & (cv2.erode(inside, square) == 0)
-    # The side towards what moves says nothing: that may be the object itself.
-    outer = rim & (cv2.erode(mask[window].astype(np.uint8), square) == 0)
-    which = names[outer]
-
-    def edges(part: Floats) -> npt.NDArray[np.float64]:
-        across, down = cv2.Sobel(part, cv2.CV_32F, 1, 0), cv2.Sobel(part, cv2.CV_32F, 0, 1)
-        size = cv2.dilate(np.abs(across) + np.abs(down), square)
-        sums = np.bincount(which, np.asarray(size, np.float64)[outer], minlength=count + 1)
-        return np.asarray(sums[1:], np.float64)
-
-    around = np.bincount(which, minlength=count + 1)[1:]
-    whole = np.bincount(names[rim], minlength=count + 1)[1:]
-    ghost = (2 * around > whole) & (edges(background[:, top:bottom, left:right].mean(0)) > edges(grey[window]))
-    if not ghost.any():
-        return None
-    return np.concatenate([[False], ghost])[quiet.labels]
+    ghost = np.zeros(len(quiet.areas) + 1, np.bool_)
+    find_ghosts(quiet.labels[window], mask[window], grey[window], background[:, top:bottom, left:right], ghost)
+    return ghost[quiet.labels] if ghost.any() else None

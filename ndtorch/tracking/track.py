@@ -271,7 +271,9 @@ def tracks_from_table(table: TrackTable) -> list[Track]:
     paths = np.split(path, np.cumsum(length)[:-1]) if len(length) else []
     lists = [column.tolist() if column.shape[1:] in ((), (2,)) else list(column) for column in columns]
     lists[1] = list(map(TrackState, lists[1]))
-    return [Track(*row) for row in zip(*lists, paths, strict=True)]
+    # The latest detections are asked for all the time.
+    latest = [list(map(tuple, path[-1:].tolist())) for path in paths]
+    return [Track(*row) for row in zip(*lists, [path[:-1] for path in paths], latest, strict=True)]
 
 
 def table_from_tracks(tracks: Sequence[Track]) -> TrackTable:

@@ -287,8 +287,8 @@ class ForegroundModel(BindingModel):
         """A scene that goes on; the state is left as it is."""
         tracker = Tracker(scene.tracker, self.dt, self.config.tracking)
         features: Any = mapped(scene.features, lambda _, part: aligned_copy(part))  # type: ignore[arg-type, return-value]
-        # No step changes the first image, or reads where the background was not learned at the last one.
-        first, kept = np.asarray(scene.first), aligned(*self.small)
+        # No step reads where the background was not learned at the one before.
+        first, kept = aligned_copy(scene.first), aligned(*self.small)
         return WorkBuffers(first, BackgroundModel.of(scene.background), kept, tracker, features)
 
     def _step(self, image: Floats, work: WorkBuffers, time: float) -> Step:
