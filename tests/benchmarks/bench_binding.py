@@ -45,7 +45,7 @@ def network_rows(device: str) -> list[Row]:
         many = torch.stack([learned.refined[100 + d : 700 + d] for d in delays.tolist()])
         _, batch_state = network(many[:, : 600 - STEPS])
         batch = many[:, -STEPS:]
-        other = InhibitoryNetwork.scale_free()
+        other = InhibitoryNetwork.scale_free().to(device)
         _, other_state = other(learned.refined[:-STEPS])
         _, other_batch_state = other(many[:, : 600 - STEPS])
         times = in_turn(

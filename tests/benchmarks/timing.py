@@ -38,17 +38,23 @@ def reference() -> object:
 
 
 def in_turn(jobs: dict[str, Callable[[], object]], rounds: int = 30, repeat: int = 5) -> dict[str, float]:
-    """Median seconds of one call of each job; the jobs take turns, `repeat` calls at a time."""
+    """Median seconds of one call of each job; the jobs take turns, `repeat` calls at a time.
+
+    Once CUDA is in use it is the time that passes until the device has finished.
+    """
     samples: dict[str, list[float]] = {name: [] for name in jobs}
+    clock = time.perf_counter if torch.cuda.is_initialized() else time.thread_time
     for job in jobs.values():
         job()
         job()
     for _ in range(rounds):
         for name, job in jobs.items():
-            start = time.thread_time()
+            start = clock()
             for _ in range(repeat):
                 job()
-            samples[name].append((time.thread_time() - start) / repeat)
+            if torch.cuda.is_initialized():
+                torch.cuda.synchronize()
+            samples[name].append((clock() - start) / repeat)
     return {name: statistics.median(times) for name, times in samples.items()}
 
 

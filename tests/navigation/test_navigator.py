@@ -148,17 +148,6 @@ def test_compiles():
         torch.testing.assert_close(a, b)
 
 
-@pytest.mark.cuda
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
-def test_cuda():
-    left, right = frames(3, steps=6)
-    navigator = full_navigator()
-    here = leaves(navigator(left, right))
-    there = leaves(navigator.to("cuda")(left.cuda(), right.cuda()))
-    for a, b in zip(here, there, strict=True):
-        torch.testing.assert_close(a, b.cpu(), atol=1e-4, rtol=1e-4)
-
-
 @pytest.mark.parametrize("controller", ["published", "ranging"])
 def test_filters_that_begin_anew_see_no_motion_in_their_first_frame(controller):
     """After a fault: all else goes on."""

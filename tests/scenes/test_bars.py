@@ -143,16 +143,6 @@ def test_a_batch_equals_its_scenes(kind: Fluctuation) -> None:
         assert torch.equal(batch[n], single)
 
 
-@pytest.mark.cuda
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-def test_device_renders_the_same() -> None:
-    bars = [Bar(RED, -30, (20, 30)), Bar(GREEN, 210, (70, 50))]
-    for kind in (SineShadow(), RandomShadow(5), Distance(phase=[0, 70])):
-        there = BarScene(bars, 1, kind, (80, 90), device="cuda").frames(0, 20)
-        assert there.device.type == "cuda"
-        torch.testing.assert_close(there.cpu(), BarScene(bars, 1, kind, (80, 90)).frames(0, 20))
-
-
 def test_sine_shadow_is_the_published_pattern() -> None:
     light = SineShadow().light((500, 500))
     assert light.shape == (1, 1, 500)

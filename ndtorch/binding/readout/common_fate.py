@@ -79,10 +79,10 @@ def aligned(past: Tensor, velocity: Tensor, apart: float, since: float = 0.0) ->
     would be now at that velocity, columns and rows a second.
     """
     count, height, width = past.shape
-    age = since + apart * torch.arange(count - 1, -1, -1, dtype=past.dtype)
+    age = since + apart * torch.arange(count - 1, -1, -1, dtype=past.dtype, device=past.device)
     shift = age[:, None] * velocity.to(past.dtype)
-    x = torch.arange(width, dtype=past.dtype) - shift[:, :1]
-    y = torch.arange(height, dtype=past.dtype) - shift[:, 1:]
+    x = torch.arange(width, dtype=past.dtype, device=past.device) - shift[:, :1]
+    y = torch.arange(height, dtype=past.dtype, device=past.device) - shift[:, 1:]
     grid = torch.stack(
         [
             (2 * x / (width - 1) - 1)[:, None, :].expand(count, height, width),
@@ -96,7 +96,7 @@ def aligned(past: Tensor, velocity: Tensor, apart: float, since: float = 0.0) ->
 def blurred(image: Tensor, deviation: float) -> Tensor:
     """An image `[H, W]` through a Gaussian window."""
     reach = max(1, round(2.5 * deviation))
-    line = torch.exp(-0.5 * (torch.arange(-reach, reach + 1, dtype=image.dtype) / deviation) ** 2)
+    line = torch.exp(-0.5 * (torch.arange(-reach, reach + 1, dtype=image.dtype, device=image.device) / deviation) ** 2)
     line = line / line.sum()
     flat = functional.conv2d(image[None, None], line[None, None, None, :], padding=(0, reach))
     return functional.conv2d(flat, line[None, None, :, None], padding=(reach, 0))[0, 0]

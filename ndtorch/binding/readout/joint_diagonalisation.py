@@ -263,7 +263,7 @@ def unmixed(flat: Tensor, count: Tensor, wide: Tensor, light: Tensor, criteria: 
             mixed = (here[:, 1, :, part] @ apart.mT).mT
             sign = mixed.gather(-1, mixed.abs().argmax(-1, keepdim=True)).sign()
             mixing[at, :n] = mixed * sign
-            full = torch.zeros(len(at), n, 10, dtype=flat.dtype)
+            full = flat.new_zeros(len(at), n, 10)
             full[..., part] = apart * sign
             unmixing[at, :n] = full
             if n > 1:

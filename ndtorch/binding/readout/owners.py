@@ -116,7 +116,7 @@ def owner_table(
 
 def distinct(candidates: Tensor, strength: Tensor, alike: Tensor) -> Tensor:
     """Candidates, strongest first, that are not `alike` `[..., N, N]` to one taken before; bool `[..., N]`."""
-    order = strength.argsort(-1, descending=True)
+    order = strength.argsort(dim=-1, descending=True, stable=True)
     taken = torch.zeros_like(candidates)
     for k in order.unbind(-1):
         here = torch.nn.functional.one_hot(k, candidates.shape[-1]).bool()

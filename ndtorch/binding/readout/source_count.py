@@ -79,7 +79,7 @@ def unexplained(plain: Tensor, delayed: Tensor, count: Tensor, limits: SumCriter
     Bars alike in color and orientation are one source of those, and two of motion. Motion holds brightness times
     itself, a little of which no source explains; and noise, beside which this is not asked.
     """
-    found = torch.zeros(len(delayed), dtype=torch.bool)
+    found = torch.zeros(len(delayed), dtype=torch.bool, device=delayed.device)
     motion = GROUPS["motion"]
     for m in range(1, 6):
         at = (count == m).nonzero().squeeze(-1)
@@ -90,7 +90,7 @@ def unexplained(plain: Tensor, delayed: Tensor, count: Tensor, limits: SumCriter
         white = vectors[..., -m:] / values[:, None, -m:].clamp_min(1e-12).sqrt()
         along = here[:, motion, LINEAR] @ white
         # Motion of a known source has a time course of its own: that is no other source. Another moves another way.
-        other = torch.eye(WAYS, dtype=along.dtype).expand(len(at), WAYS, WAYS)
+        other = torch.eye(WAYS, dtype=along.dtype, device=along.device).expand(len(at), WAYS, WAYS)
         if m < WAYS:
             other = other - along @ torch.linalg.pinv(along, rtol=KNOWN)
         left, at_once = (
@@ -121,7 +121,7 @@ def undisturbed(statistics: CovarianceState, tau: float, piece: float, limits: S
     """Covariances `[..., L, 10, 10]` of the stretches of time without disturbance, the latest with the most weight
     (`tau`), as strong as a memory of all of them.
     """
-    held, age = statistics.held, statistics.age.unsqueeze(-1)
+    held, age = statistics.held.to(statistics.pieces), statistics.age.unsqueeze(-1)
     pieces = statistics.pieces / held.clamp_min(1)[:, None, None, None]
     count, there = len(held), held > 0
     since = piece * torch.arange(count - 1, -1, -1, dtype=pieces.dtype, device=pieces.device)
@@ -204,7 +204,7 @@ def source_bound(statistics: CovarianceState, motion: Tensor, limits: SumCriteri
     every second, bars pass each other in some.
     """
     orientation, color = GROUPS["orientation"], GROUPS["color"]
-    held = statistics.held.to(statistics.pieces.dtype)
+    held = statistics.held.to(statistics.pieces)
     pieces = (statistics.pieces / held.clamp_min(1)[:, None, None, None])[..., :2, :, :]
     total = (held[:, None, None, None] * pieces).sum(-4) / held.sum().clamp_min(1)
     scale = spread_groups(group_max(total[..., 0, :, :].diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()))
@@ -242,7 +242,7 @@ def quietest(delayed: Tensor, held: Tensor, share: float) -> Tensor:
         fitted = (selected[..., None, None] * delayed).sum(-3) / selected.sum(-1).clamp_min(1e-12)[..., None, None]
         residual = beside(delayed, fitted[..., color, color], fitted[..., color, orientation])
         left = residual.diagonal(dim1=-2, dim2=-1).sum(-1).masked_fill(held == 0, torch.inf)
-        selected = (left.argsort(-1).argsort(-1) < count) * held.double()
+        selected = (left.argsort(dim=-1, stable=True).argsort(-1) < count) * held.double()
     chosen: Tensor = (selected[..., None, None] * residual).sum(-3)
     return chosen / selected.sum(-1).clamp_min(1e-12)[..., None, None]
 

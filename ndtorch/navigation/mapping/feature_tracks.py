@@ -94,7 +94,8 @@ def track_step(seen: Tensor, valid: Tensor, state: Tracks, params: FeatureTrackP
     # An observation begins a track unless it belongs to one, or lies so near one that it is the same thing.
     fresh = valid & (distance.amin(-2) > params.gate_m)
     count = min(fresh.shape[-1], params.slots)
-    slot = unseen.topk(count, dim=-1).indices  # the emptiest slots, one for each observation
+    # The emptiest slots, one for each observation.
+    slot = unseen.argsort(dim=-1, descending=True, stable=True)[..., :count]
     order = fresh.to(torch.int8).argsort(dim=-1, descending=True, stable=True)[..., :count]
     begins = fresh.gather(-1, order) & (unseen.gather(-1, slot) > 0)
     start = seen.gather(-2, order.unsqueeze(-1).expand(*order.shape, 2))
