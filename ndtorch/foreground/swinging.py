@@ -88,16 +88,20 @@ def count_visits(mask: Array, state: Array, least: int) -> None:
     """
     direction, steps, visits = state[DIRECTION], state[STEPS], (state[RETURNED], state[PASSED])
     height, width = steps.shape
-    now, both = np.empty((height, width), np.uint8), np.empty((height, width), np.uint8)
+    now, both = np.empty((height, width), np.uint8), np.empty((height + 2 * REACH, width + 2 * REACH), np.uint8)
     line = np.zeros(STRIDE * width, np.uint8)
     for y in range(height):
         add_rows(mask[STRIDE * y], mask[min(STRIDE * y + 1, mask.shape[0] - 1)], line)
-        halve(line, steps[y], now[y], both[y])
+        row = both[y + REACH]
+        halve(line, steps[y], now[y], row[REACH : REACH + width])
+        row[:REACH], row[REACH + width :] = row[REACH], row[REACH + width - 1]
+    both[:REACH], both[REACH + height :] = both[REACH], both[REACH + height - 1]
     for y in range(height):
-        if not any_nonzero(both[y]):
+        row = both[y + REACH]
+        if not any_nonzero(row):
             continue
         for x in range(width):
-            if both[y, x] != 1:
+            if row[x + REACH] != 1:
                 continue
             side = covered_side(both, y, x)
             if now[y, x]:
@@ -133,11 +137,10 @@ def count_steps(now: Array, steps: Array) -> None:
 
 @jit
 def covered_side(both: Array, y: int, x: int) -> int:
-    """Direction of most foreground around a pixel of `[h, w]`, 0 to 255."""
+    """Direction of most foreground around a pixel, 0 to 255; its row and column begin `REACH` later in `both`."""
     down = across = np.int64(0)
-    for dy in range(-REACH, REACH + 1):
-        row = both[min(max(y + dy, 0), both.shape[0] - 1)]
-        for dx in range(-REACH, REACH + 1):
-            amount = np.int64(row[min(max(x + dx, 0), both.shape[1] - 1)])
-            down, across = down + dy * amount, across + dx * amount
+    for j in range(2 * REACH + 1):
+        for i in range(2 * REACH + 1):
+            amount = np.int64(both[y + j, x + i])
+            down, across = down + (j - REACH) * amount, across + (i - REACH) * amount
     return round(math.atan2(down, across) * FULL_TURN / (2 * math.pi)) % FULL_TURN

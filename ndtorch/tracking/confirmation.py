@@ -42,12 +42,11 @@ def confirm(
         dt: seconds of a step.
         width: of the image in heights.
     """
-    cluttered = bool(clutter.any())
     for one in tracks:
         if one.last_seen != time:
             continue
         if one.is_object:
-            if revoke_confirmation(one, bool(cluttered and clutter_at(one, clutter)), time, dt, p):
+            if revoke_confirmation(one, clutter, time, dt, p):
                 one.state = TrackState.TENTATIVE
         elif (
             seen_for > LEARNING_S - dt / 2

@@ -73,10 +73,13 @@ def measure_detections(
     for one, row, (top, left, bottom, right, pixels, down, across, *_, contrast) in zip(
         tracks, table, table.tolist(), strict=True
     ):
+        if not pixels:
+            found.append(None)
+            continue
         place, extent = ((top + bottom) / 2 / height, (left + right) / 2 / height), (bottom - top, right - left)
         size, inner = (extent[0] / height, extent[1] / height), (down / height, across / height)
         looks = pixels / height**2, row[COLOR], row[SHARES], contrast, one.number in shared
-        found.append(Detection(inner, place, size, *looks) if pixels else None)
+        found.append(Detection(inner, place, size, *looks))
     return found
 
 

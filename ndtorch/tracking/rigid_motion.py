@@ -15,6 +15,7 @@ import numpy as np
 
 from ndtorch.foreground.arrays import Floats
 from ndtorch.tracking._kernels_tracks import patch_distance
+from ndtorch.tracking.clutter import clutter_at
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.track import BOX, PLACE, Track
 
@@ -73,7 +74,7 @@ def compare_patches(
         image, background: `[3, h, w]`.
     """
     height = image.shape[1]
-    pixels = np.array([[round(side * height) for side in box] for box in boxes])
+    pixels = np.rint(np.array(boxes) * height).astype(np.int64)
     patches, distances = np.empty((len(boxes), *patch.shape), np.float32), np.empty(len(boxes))
     patch_distance(image, background, pixels, patch, patches, distances)
     return patches[0].copy(), distances.tolist()
@@ -100,13 +101,13 @@ def confidence(track: Track) -> float:
     return math.sqrt(path.net / path.length * s / (s + HALF_TRAVEL_SIZES)) if path.length else 0.0
 
 
-def revoke_confirmation(track: Track, cluttered: bool, time: float, dt: float, p: TrackingParams) -> bool:
+def revoke_confirmation(track: Track, clutter: Floats, time: float, dt: float, p: TrackingParams) -> bool:
     """Whether an object only oscillates: its path was long and it never was far from its start. Or it only grew.
 
     That is asked every second for `probation_s` seconds after it was confirmed. Later it may pace up and down.
 
     Args:
-        cluttered: whether tracks came and went where it is; only there objects oscillate.
+        clutter: of `ndtorch.tracking.clutter`; only where tracks came and went objects oscillate.
         dt: seconds of a step.
     """
     age = time - track.confirmed_at + dt / 2
@@ -114,7 +115,7 @@ def revoke_confirmation(track: Track, cluttered: bool, time: float, dt: float, p
         return False
     path = path_lengths(track)
     short = path.furthest < MIN_GROWTH_SIZES * track.size
-    return short or (cluttered and path.furthest < MIN_NET_TRAVEL_RATIO * path.length)
+    return short or (path.furthest < MIN_NET_TRAVEL_RATIO * path.length and clutter_at(track, clutter) > 0)
 
 
 class PathLengths(NamedTuple):

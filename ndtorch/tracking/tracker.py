@@ -223,8 +223,7 @@ class Tracker:
                 window = detection.window(len(self.labels))
                 own = self.labels[window] == one.number + 1
                 one.passed_at = lower_quartile(self.passed[window][own])
-                ground = seen.background[:, *window][:, own].mean(1)
-                whole = split_from(tracks, every, before[window][own], detection, ground, p)
+                whole = split_from(tracks, every, before[window][own], detection, seen.background[:, *window], own, p)
                 one.start = one.start if whole is None else whole.start
             add_detection(one, time, detection, width, p)
             if not one.is_object and not detection.shared:
@@ -271,7 +270,8 @@ def split_from(
     every: Sequence[Detection | None],
     before: Labels,
     new: Detection,
-    ground: Floats,
+    background: Floats,
+    own: Bools,
     p: TrackingParams,
 ) -> Track | None:
     """The object that a new track came off: most of its pixels were of it, it is no small fragment of it, and it looks
@@ -280,12 +280,12 @@ def split_from(
     Args:
         every: detections of the tracks at this step.
         before: numbers, plus one, of the tracks that its pixels were of a step ago, `[n]`.
-        ground: mean color of the background there, `[3]`.
+        background: `[3, h, w]`, and own: its pixels, `[h, w]`, in its box.
     """
     most = int(np.bincount(before).argmax()) - 1
     for one, seen in zip(tracks, every, strict=True):
         if one.number == most and one.is_object and seen and p.parent_area_ratio * new.pixels > seen.pixels:
-            ghost = np.abs(new.color - ground).max()
+            ghost = np.abs(new.color - background[:, own].mean(1)).max()
             return one if np.abs(new.color - seen.color).max() < MAX_GHOST_RATIO * ghost else None
     return None
 

@@ -72,7 +72,7 @@ def test_an_object_that_goes_to_and_fro_is_one_where_nothing_else_came_and_went(
     ]
     one.confirmed_at = 0.0
     where, none = empty_clutter_map(50, 80) + np.float32(gone), np.zeros((0, BIRTH))
-    assert revoke_confirmation(one, True, one.last_seen, DT, P)
+    assert revoke_confirmation(one, np.ones((56, 100), np.float32), one.last_seen, DT, P)
     confirm([one], [], where, none, lambda: 0.4, one.last_seen, 60.0, DT, WIDTH, P)
     assert one.is_object is known
 

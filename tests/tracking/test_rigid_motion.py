@@ -103,15 +103,15 @@ STRAIGHT = [0.5, 0.6, 0.7, 0.8, 0.9]
 
 
 def test_an_object_that_only_went_to_and_fro_is_taken_back_within_its_trial() -> None:
-    swaying, walking = walked(TO_AND_FRO * 4), walked(STRAIGHT)
+    swaying, walking, cluttered = walked(TO_AND_FRO * 4), walked(STRAIGHT), np.ones((56, 100), np.float32)
     times = [n / 10 for n in range(1, 101)]
     for one, most in ((swaying, P.probation_s), (walking, 0.0)):
         one.confirmed_at = 0.0
-        back = [time for time in times if revoke_confirmation(one, True, time, 0.1, P)]
+        back = [time for time in times if revoke_confirmation(one, cluttered, time, 0.1, P)]
         # Once a second, and not later than that.
         assert back == [float(n) for n in range(1, int(most) + 1)]
-    assert not revoke_confirmation(swaying, True, 1.0, 0.1, TrackingParams(min_travel_sizes=0.0))
-    assert not revoke_confirmation(swaying, False, 1.0, 0.1, P)
+    assert not revoke_confirmation(swaying, cluttered, 1.0, 0.1, TrackingParams(min_travel_sizes=0.0))
+    assert not revoke_confirmation(swaying, 0 * cluttered, 1.0, 0.1, P)
 
 
 def objects(video: Tensor, **options: float) -> list[BoundObject]:
