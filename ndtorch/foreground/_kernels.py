@@ -10,6 +10,7 @@ from ndtorch.foreground.arrays import Array
 from ndtorch.foreground.morphology import (
     WORD,
     closing,
+    dilate,
     inside_row,
     majority_filter,
     opening,
@@ -134,7 +135,8 @@ def clean_mask(
         mask: becomes 1 for foreground, and narrow: 1 where a narrow shadow may be, `[h, w]` uint8.
     """
     candidates, (height, width) = found.candidates, mask.shape
-    margin = max(max(sides.closing, sides.moving), max(sides.speckle, sides.broad), WINDOW_PX)
+    around = 2 * (sides.closing + sides.speckle) - 1
+    margin = max(max(around, sides.moving), max(sides.broad, WINDOW_PX))
     inside, dark, young = inside_row(width, margin), 0, 0
     line, size = inside.shape[0], inside.shape[0] * (height + 2 * margin)
     marks, room = np.zeros(size, np.uint64), (np.zeros(size, np.uint64), np.zeros(size, np.uint64))
@@ -144,6 +146,13 @@ def clean_mask(
         dark |= copy_wanted(found.narrow[y], sides.broad, narrow[y])
         pack(candidates[y], row_of(marks, y, line, margin))
     allowed = marks.copy()
+    if not unknown:
+        # What is too small, even with its shadow, and not near what is not, changes nothing.
+        majority_filter(allowed, width, inside, margin, marks)
+        opening(marks, sides.speckle, inside, margin, room)
+        dilate(marks, around, inside, margin, room)
+        for n in range(size):
+            marks[n] &= allowed[n]
     remove_shadow(marks, found.light, found.shadow, shadow_limits, inside, margin, room)
     # A dark coat looks like a shadow, but the rest of its wearer is around it.
     closing(marks, sides.closing, inside, margin, room)
