@@ -20,7 +20,7 @@ from ndtorch.foreground.background import (
 from ndtorch.foreground.illumination import changed_block_ratio, illumination, is_uncorrelated
 from ndtorch.foreground.noise import MotionLimits, motion_and_noise
 from ndtorch.foreground.shadow import MIN_COLORFULNESS, PENUMBRA_PX, WINDOW_PX, ShadowLimits
-from ndtorch.foreground.swinging import update_swinging
+from ndtorch.foreground.swinging import SWINGING, update_swinging
 
 CUT_RATIO, CUT_BLOCKS_RATIO = 0.7, 0.6
 """A new scene begins if more than this fraction of the image is foreground, or if more than this fraction of the blocks
@@ -38,6 +38,7 @@ class Segmentation(NamedTuple):
         noise: of each color, `[3]`.
         mask: foreground, `[h, w]`.
         narrow_shadow: 1 where a narrow shadow may be on known background, 0 elsewhere, `[h, w]`.
+        swinging: 1 where something swings, `[h / 2, w / 2]`.
         scene_cut: whether a new scene begins; the model is of no use then.
     """
 
@@ -48,6 +49,7 @@ class Segmentation(NamedTuple):
     noise: Floats
     mask: Bools
     narrow_shadow: Bytes
+    swinging: Bytes
     scene_cut: bool
 
 
@@ -78,7 +80,9 @@ def segment(raw: Floats, model: BackgroundModel, dt: float, p: BackgroundParams)
     mask, narrow = m.marks[3], m.marks[4]
     if cut or np.count_nonzero(found.candidates.view(np.bool_)) > CUT_RATIO * found.candidates.size:
         mask[:], narrow[:] = 0, 0
-        return Segmentation(raw, raw.mean(0), raw, m.deviation, noise, mask.view(np.bool_), narrow, True)
+        return Segmentation(
+            raw, raw.mean(0), raw, m.deviation, noise, mask.view(np.bool_), narrow, m.swinging[SWINGING], True
+        )
     height = len(mask)
     sides = CleaningSides(
         closing=2 * round(SHADOW_CLOSING_RATIO * height / 2) + 1,
@@ -90,7 +94,9 @@ def segment(raw: Floats, model: BackgroundModel, dt: float, p: BackgroundParams)
     shadow = ShadowLimits(p.shadow_min_ratio, p.shadow_max_variation_ratio)
     clean_mask(found, m.initialised, m.unknown, m.static_time, MOTION_TRAIL_S, shadow, sides, mask, narrow)
     update_swinging(m.swinging, mask, m.frames, dt)
-    return Segmentation(m.image, m.grey, m.mean, m.deviation, noise, mask.view(np.bool_), narrow, False)
+    return Segmentation(
+        m.image, m.grey, m.mean, m.deviation, noise, mask.view(np.bool_), narrow, m.swinging[SWINGING], False
+    )
 
 
 def update_motion(model: BackgroundModel, found: MaskImages, dt: float, p: BackgroundParams) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ndtorch.foreground.arrays import Floats, Numbers
+from ndtorch.foreground.arrays import Bytes, Floats, Numbers
 from ndtorch.tracking.clutter import CLUTTER_LEVEL, clutter_at, is_particle_clutter
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import (
@@ -24,6 +24,7 @@ def confirm(
     tracks: Sequence[Track],
     lost: Sequence[Track],
     clutter: Floats,
+    swinging: Bytes,
     births: Numbers,
     light: Callable[[], float],
     time: float,
@@ -37,6 +38,7 @@ def confirm(
     Args:
         tracks: those that go on; lost: those that ended at this step.
         clutter, births: of `ndtorch.tracking.clutter`, a step ago.
+        swinging: 1 where something swings, `[h / 2, w / 2]`.
         light: gives the mean of the background: it is seldom asked for, and the same for all tracks.
         seen_for: seconds since the scene began.
         dt: seconds of a step.
@@ -46,7 +48,7 @@ def confirm(
         if one.last_seen != time:
             continue
         if one.is_object:
-            if revoke_confirmation(one, clutter, time, dt, p):
+            if revoke_confirmation(one, clutter, swinging, time, dt, p):
                 one.state = TrackState.TENTATIVE
         elif (
             seen_for > LEARNING_S - dt / 2

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ndtorch.foreground.arrays import Floats
+from ndtorch.foreground.arrays import Bytes, Floats
 from ndtorch.tracking._kernels_tracks import patch_distance
 from ndtorch.tracking.clutter import clutter_at
 from ndtorch.tracking.params import TrackingParams
@@ -101,21 +101,35 @@ def confidence(track: Track) -> float:
     return math.sqrt(path.net / path.length * s / (s + HALF_TRAVEL_SIZES)) if path.length else 0.0
 
 
-def revoke_confirmation(track: Track, clutter: Floats, time: float, dt: float, p: TrackingParams) -> bool:
+def revoke_confirmation(
+    track: Track, clutter: Floats, swinging: Bytes, time: float, dt: float, p: TrackingParams
+) -> bool:
     """Whether an object only oscillates: its path was long and it never was far from its start. Or it only grew.
 
-    That is asked every second for `probation_s` seconds after it was confirmed. Later it may pace up and down.
+    That is asked every second for `probation_s` seconds after it was confirmed; later it may pace up and down. Where
+    something swings it is asked at every step.
 
     Args:
         clutter: of `ndtorch.tracking.clutter`; only where tracks came and went objects oscillate.
+        swinging: 1 where something swings, `[h / 2, w / 2]`.
         dt: seconds of a step.
     """
     age = time - track.confirmed_at + dt / 2
-    if not p.min_travel_sizes or age > p.probation_s + dt or int(age) == int(age - dt) or age < 1:
+    if not p.min_travel_sizes:
+        return False
+    swings, full_second = is_swinging(track, swinging), int(age) != int(age - dt)
+    if not swings and not (full_second and 1 <= age <= p.probation_s + dt):
         return False
     path = path_lengths(track)
     short = path.furthest < MIN_GROWTH_SIZES * track.size
-    return short or (path.furthest < MIN_NET_TRAVEL_RATIO * path.length and clutter_at(track, clutter) > 0)
+    return short or (path.furthest < MIN_NET_TRAVEL_RATIO * path.length and (swings or clutter_at(track, clutter) > 0))
+
+
+def is_swinging(track: Track, swinging: Bytes) -> bool:
+    """Whether something swings in most of a track's box."""
+    top, left, bottom, right = (max(0, round(side * len(swinging))) for side in track.last[BOX])
+    part = swinging[top:bottom, left:right]
+    return bool(2 * np.count_nonzero(part) > part.size)
 
 
 class PathLengths(NamedTuple):

@@ -149,6 +149,7 @@ class Tracker:
             tracks,
             lost,
             self.clutter,
+            seen.swinging,
             self.births,
             cache(seen.background.mean),
             time,

@@ -26,7 +26,7 @@ def shares_of(light: WhiteBalance, *color: float) -> np.ndarray:
     image[:] = np.array(color, np.float32)[:, None, None]
     labels[4:20, 4:30] = 1
     noise, none = np.ones(3, np.float32), np.zeros((32, 40), np.uint8)
-    seen = Segmentation(image, image[0], image, image, noise, labels > 0, none, False)
+    seen = Segmentation(image, image[0], image, image, noise, labels > 0, none, none, False)
     (detection,) = measure_detections([Track.begin(0, 0.0, np.zeros(2))], labels, seen, light, set())
     assert detection is not None
     return detection.shades

@@ -25,7 +25,7 @@ def test_what_masks_show_of_each_track() -> None:
     labels[47, 0] = 9
     noise = np.array([0.006, 0.01, 0.02], kind)
     none = np.zeros(shape, np.uint8)
-    seen = Segmentation(image, image[0], background, deviation, noise, labels > 0, none, False)
+    seen = Segmentation(image, image[0], background, deviation, noise, labels > 0, none, none, False)
     tracks = [Track.begin(number, 0.0, np.zeros(2)) for number in numbers]
     tracks[1].state = TrackState.CONFIRMED
     light = WhiteBalance(image, background, ColorParams())

@@ -18,6 +18,7 @@ from tests.foreground.passing_scenes import SIZE, ground
 
 P = TrackingParams()
 DT, WIDTH = 0.04, 1.6
+STILL = np.zeros((50, 80), np.uint8)
 STEPS = int(P.min_track_s / DT) + 2
 
 
@@ -72,8 +73,8 @@ def test_an_object_that_goes_to_and_fro_is_one_where_nothing_else_came_and_went(
     ]
     one.confirmed_at = 0.0
     where, none = empty_clutter_map(50, 80) + np.float32(gone), np.zeros((0, BIRTH))
-    assert revoke_confirmation(one, np.ones((56, 100), np.float32), one.last_seen, DT, P)
-    confirm([one], [], where, none, lambda: 0.4, one.last_seen, 60.0, DT, WIDTH, P)
+    assert revoke_confirmation(one, np.ones((56, 100), np.float32), STILL, one.last_seen, DT, P)
+    confirm([one], [], where, STILL, none, lambda: 0.4, one.last_seen, 60.0, DT, WIDTH, P)
     assert one.is_object is known
 
 

@@ -25,6 +25,8 @@ from ndtorch.tracking.track import Track
 from tests.foreground.passing_scenes import SIZE, ground
 
 P = TrackingParams()
+STILL = np.zeros((50, 80), np.uint8)
+"""Nothing swings."""
 LIGHT = 0.4
 GROUND = np.full((3, 4, 4), LIGHT, np.float32)
 
@@ -107,11 +109,22 @@ def test_an_object_that_only_went_to_and_fro_is_taken_back_within_its_trial() ->
     times = [n / 10 for n in range(1, 101)]
     for one, most in ((swaying, P.probation_s), (walking, 0.0)):
         one.confirmed_at = 0.0
-        back = [time for time in times if revoke_confirmation(one, cluttered, time, 0.1, P)]
+        back = [time for time in times if revoke_confirmation(one, cluttered, STILL, time, 0.1, P)]
         # Once a second, and not later than that.
         assert back == [float(n) for n in range(1, int(most) + 1)]
-    assert not revoke_confirmation(swaying, cluttered, 1.0, 0.1, TrackingParams(min_travel_sizes=0.0))
-    assert not revoke_confirmation(swaying, 0 * cluttered, 1.0, 0.1, P)
+    assert not revoke_confirmation(swaying, cluttered, STILL, 1.0, 0.1, TrackingParams(min_travel_sizes=0.0))
+    assert not revoke_confirmation(swaying, 0 * cluttered, STILL, 1.0, 0.1, P)
+
+
+def test_where_something_swings_an_object_that_only_goes_to_and_fro_is_taken_back_at_any_time() -> None:
+    swaying, walking, uncluttered = walked(TO_AND_FRO * 4), walked(STRAIGHT), np.zeros((56, 100), np.float32)
+    beside, there = STILL.copy(), STILL.copy()
+    beside[:, :20], there[20:30, 18:35] = 1, 1
+    for one in (swaying, walking):
+        one.confirmed_at = 0.0
+        assert not any(revoke_confirmation(one, uncluttered, beside, time, 0.1, P) for time in (0.5, 3.0, 9.5))
+        back = [revoke_confirmation(one, uncluttered, there, time, 0.1, P) for time in (0.5, 3.0, 9.5)]
+        assert back == 3 * [one is swaying]
 
 
 def objects(video: Tensor, **options: float) -> list[BoundObject]:
