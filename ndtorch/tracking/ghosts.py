@@ -22,6 +22,7 @@ so many seconds: in a queue of cars ghosts are seldom what they seem."""
 GHOST = 15
 """Numbers kept of a ghost: time at which it was found, row and column, top, left, bottom and right, pixels, number of
 the object or -1, and the colors of the background and of the image there."""
+MIN_PART = 0.15
 REACH_SIZES = 2.0
 """It began at most so many of its sizes away: it is in one blob with its ghost at first."""
 PIECES_S, PIECES_PX = 2.0, 3
@@ -76,7 +77,8 @@ def trace_back(ghosts: Numbers, tracks: Sequence[Track], began: float, time: flo
             if away >= min(nearest, REACH_SIZES * one.size):
                 continue
             was, now = np.abs(one.color - ghost[9:].reshape(2, 3)).mean(1)
-            if was <= now and 1 / p.max_area_ratio < pixels / np.median(one.path[:, PIXELS]) < p.max_area_ratio:
+            least = MIN_PART if one.passed_at < began and away < one.size else 1 / p.max_area_ratio
+            if was <= now and least < pixels / np.median(one.path[:, PIXELS]) < p.max_area_ratio:
                 best, nearest = one, away
         if nearest < math.inf:
             best.waited, ghost[8] = np.array((began, *ghost[1:8], *place)), best.number

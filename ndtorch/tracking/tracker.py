@@ -306,7 +306,8 @@ def add_detection(track: Track, time: float, seen: Detection, across: float, p: 
         standing = track.state == TrackState.STATIONARY
         if seen.shared or (standing and pixels > p.parent_area_ratio * track.last[PIXELS]):
             pixels, (tall, wide) = track.last[PIXELS], extent
-            if stands(track, time, PARKED_S) and math.dist((row, column), track.last[PLACE]) < MOVED_SIZES * track.size:
+            parked = stands(track, time, PARKED_S) or not seen.shared
+            if parked and (not seen.shared or math.dist((row, column), track.last[PLACE]) < MOVED_SIZES * track.size):
                 row, column = track.last[PLACE]
                 there = row, column
             row, column = there[0] + OCCLUSION_GAIN * (row - there[0]), there[1] + OCCLUSION_GAIN * (column - there[1])
