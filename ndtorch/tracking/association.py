@@ -13,7 +13,7 @@ from ndtorch.tracking._kernels_blobs import overlaps
 from ndtorch.tracking.blobs import Blobs
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import has_contrast
-from ndtorch.tracking.track import PIXELS, Track
+from ndtorch.tracking.track import PIXELS, PLACE, Track
 
 MIN_OVERLAP = 0.3
 """A track meets a blob if this share of the blob or of the track's box overlaps."""
@@ -114,13 +114,17 @@ def pair_costs(
     height = blobs.labels.shape[0]
     found = np.full((len(tracks), len(where)), NEVER)
     expected = [track.expected(time, p.max_prediction_s) for track in tracks]
+    clear = [before_noise(track, time, p) for track in tracks]
     gates = [p.gate_sizes * track.size * (1 + GATE_GROWTH_PER_S * (time - track.last_seen)) for track in tracks]
     for j, r in enumerate(where):
         top, left, bottom, right = blobs.boxes[r].tolist()
         row, column = (top + bottom) / 2 / height, (left + right) / 2 / height
         area, color = blobs.areas[r] / height**2, None
         for i, track in enumerate(tracks):
-            value = math.hypot(row - expected[i][0], column - expected[i][1]) / gates[i]
+            value, before = math.dist((row, column), expected[i]), clear[i]
+            if before is not None and before[PIXELS] / p.max_area_ratio < area < before[PIXELS] * p.max_area_ratio:
+                value = min(value, math.dist((row, column), before[PLACE]))
+            value /= gates[i]
             if value >= limit:
                 continue
             pixels = (track.last[PIXELS], usual_pixels(track)) if limit < math.inf else (0.0, math.inf)
@@ -133,6 +137,15 @@ def pair_costs(
             if value < limit:
                 found[i, j] = value
     return found
+
+
+def before_noise(track: Track, time: float, p: TrackingParams) -> Sequence[float] | None:
+    """The latest detection but one of an object that was much larger at the latest one, a step ago: noise was added."""
+    if not track.is_object or track.age < MIN_AGE_S:
+        return None
+    last, before = track.last, track.new_detections[-2] if len(track.new_detections) > 1 else track.detections[-1]
+    lately = time - last[0] < 1.5 * (last[0] - before[0])
+    return before if lately and last[PIXELS] > p.max_area_ratio * before[PIXELS] else None
 
 
 def usual_pixels(track: Track) -> float:
