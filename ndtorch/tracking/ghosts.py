@@ -22,9 +22,10 @@ so many seconds: in a queue of cars ghosts are seldom what they seem."""
 GHOST = 15
 """Numbers kept of a ghost: time at which it was found, row and column, top, left, bottom and right, pixels, number of
 the object or -1, and the colors of the background and of the image there."""
-MIN_PART = 0.15
 REACH_SIZES = 2.0
 """It began at most so many of its sizes away: it is in one blob with its ghost at first."""
+MIN_PART = 0.15
+"""This share of its area is enough for a ghost within one size where no object ever passed: some of it was learned."""
 PIECES_S, PIECES_PX = 2.0, 3
 """What leaves slowly uncovers its ghost in pieces: they are found within this time and distance of one another."""
 
@@ -42,20 +43,20 @@ def recent_ghosts(known: Numbers, ghost: Bools, first: Floats, seen: Segmentatio
         if np.abs(was - before).mean() > np.abs(was - now).mean() / 2:
             continue
         pixels, colors = area / height**2, np.concatenate([was.mean(1), now.mean(1)])
-        low, high, near = box[:2] / height, box[2:] / height, PIECES_PX / height
+        low, high, near, given = box[:2] / height, box[2:] / height, PIECES_PX / height, -1.0
         for k in reversed(range(len(rows))):
             upper, lower = rows[k][3:5], rows[k][5:7]
             if time - rows[k][0] < PIECES_S and (low <= lower + near).all() and (upper <= high + near).all():
                 colors = (pixels * colors + rows[k][7] * rows[k][9:]) / (pixels + rows[k][7])
-                pixels += rows[k][7]
+                pixels, given = pixels + rows[k][7], max(given, rows[k][8])
                 low, high = np.minimum(low, upper), np.maximum(high, lower)
                 del rows[k]
-        rows.append(np.array((time, *(low + high) / 2, *low, *high, pixels, -1, *colors)))
+        rows.append(np.array((time, *(low + high) / 2, *low, *high, pixels, given, *colors)))
     return np.array(rows).reshape(-1, GHOST)
 
 
 def trace_back(ghosts: Numbers, tracks: Sequence[Track], began: float, time: float, p: TrackingParams) -> Numbers:
-    """Each ghost `[N, 15]` goes to the object as large as it that began nearest to it; those not too old are returned.
+    """Each ghost `[N, 15]` goes to the object about as large that began nearest to it; those not too old are returned.
 
     Which of the tracks around it is the object that left is known a while later, so all are assigned at every step.
     Its color is that which the background had there, not that of the image.

@@ -293,7 +293,7 @@ def split_from(
 
 def add_detection(track: Track, time: float, seen: Detection, across: float, p: TrackingParams) -> None:
     """Take a detection in an image so many heights across. In a shared blob the size is remembered, not measured,
-    and so is the place of a parked one.
+    and so is the place of a parked one, and of a stationary one that something covers.
 
     To grow is not to travel: a tentative track that is much larger at once, as a screen after a cut, begins its path
     anew. What touches the edge of the image may be coming in.
@@ -306,8 +306,8 @@ def add_detection(track: Track, time: float, seen: Detection, across: float, p: 
         standing = track.state == TrackState.STATIONARY
         if seen.shared or (standing and pixels > p.parent_area_ratio * track.last[PIXELS]):
             pixels, (tall, wide) = track.last[PIXELS], extent
-            parked = stands(track, time, PARKED_S) or not seen.shared
-            if parked and (not seen.shared or math.dist((row, column), track.last[PLACE]) < MOVED_SIZES * track.size):
+            near = math.dist((row, column), track.last[PLACE]) < MOVED_SIZES * track.size
+            if not seen.shared or (near and stands(track, time, PARKED_S)):
                 row, column = track.last[PLACE]
                 there = row, column
             row, column = there[0] + OCCLUSION_GAIN * (row - there[0]), there[1] + OCCLUSION_GAIN * (column - there[1])

@@ -7,9 +7,10 @@ import pytest
 
 from ndtorch.tracking.association import Association, assign_unmatched, share_blob
 from ndtorch.tracking.blobs import Blobs
-from ndtorch.tracking.masks import share_pixels
+from ndtorch.tracking.masks import Detection, share_pixels
 from ndtorch.tracking.params import TrackingParams
-from ndtorch.tracking.track import Track, TrackState
+from ndtorch.tracking.track import PIXELS, PLACE, Track, TrackState
+from ndtorch.tracking.tracker import add_detection
 
 
 def track(number: int, time: float, row: float, column: float, extent: float = 0.1, pixels: float = 0.01) -> Track:
@@ -46,6 +47,29 @@ def test_what_merged_with_noise_for_one_frame_is_found_again(age: float, found: 
     blobs, image = Blobs(labels, np.array([[25, 30, 35, 40]]), np.array([100])), np.zeros((3, 100, 160), np.float32)
     assign_unmatched([one], met, blobs, image, age + 0.04, TrackingParams(color_cost=0.0))
     assert met.tracks == {0: [0] if found else []}
+
+
+@pytest.mark.parametrize(("pixels", "found"), [(0.04, True), (0.02, False)])
+def test_what_noise_moved_away_is_looked_for_where_it_was(pixels: float, found: bool) -> None:
+    """A step ago it was two of its sizes further, and as large as that noise made it."""
+    one = track(1, 0.0, 0.3, 0.3)
+    one.new_detections.append((1.96, *[0.0] * 6, 0.01, 0.3, 0.3))
+    one.new_detections.append((2.0, *[0.0] * 6, pixels, 0.3, 0.5))
+    labels, met = np.zeros((100, 160), np.int32), Association({0: []}, {})
+    labels[25:35, 26:36] = 1
+    blobs, image = Blobs(labels, np.array([[25, 26, 35, 36]]), np.array([100])), np.zeros((3, 100, 160), np.float32)
+    assign_unmatched([one], met, blobs, image, 2.04, TrackingParams(color_cost=0.0))
+    assert met.tracks == {0: [0] if found else []}
+
+
+@pytest.mark.parametrize(("state", "moved"), [(TrackState.STATIONARY, False), (TrackState.CONFIRMED, True)])
+def test_what_stands_stays_in_its_place_when_something_covers_it(state: TrackState, moved: bool) -> None:
+    one = track(1, 0.0, 0.3, 0.3)
+    one.state = state
+    covered = Detection((0.3, 0.4), (0.3, 0.4), (0.1, 0.3), 0.03, np.zeros(3), np.zeros(4), 0.0, False)
+    add_detection(one, 0.04, covered, 1.6, TrackingParams())
+    assert (one.last[PLACE] == (0.3, 0.3)) is not moved
+    assert (one.last[PIXELS] == 0.01) is not moved
 
 
 @pytest.mark.parametrize(("age", "seen", "parts"), [(0.5, [2], [1]), (1.5, [1, 2], [])])

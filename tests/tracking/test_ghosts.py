@@ -55,3 +55,14 @@ def test_a_ghost_is_traced_to_the_track_that_looks_more_like_it_than_like_the_gr
     [traced] = trace_back(ghost, [one], 0.0, 6.0, TrackingParams())
     assert traced[8] == (4 if share > 0.5 else -1)
     assert (one.waited[PIXELS] > 0) == (share > 0.5)
+
+
+@pytest.mark.parametrize(("passed", "given"), [(-9.0, 4), (0.5, -1)])
+def test_a_part_of_a_ghost_is_enough_where_no_object_passed(passed: float, given: int) -> None:
+    was, now, place = np.array((0.2, 0.1, 0.1)), np.array((0.8, 0.8, 0.7)), (0.3, 0.3)
+    one = Track.begin(4, 5.0, place)
+    one.state, one.extent, one.passed_at, one.color = TrackState.CONFIRMED, 2 * (0.1,), passed, was
+    one.new_detections.append((5.0, *place, 0.25, 0.25, 0.35, 0.35, 0.01, *place))
+    ghost = np.array([(5.5, *place, 0.25, 0.25, 0.35, 0.3, 0.002, -1, *was, *now)])
+    [traced] = trace_back(ghost, [one], 0.0, 6.0, TrackingParams())
+    assert traced[8] == given
