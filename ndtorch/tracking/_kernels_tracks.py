@@ -62,24 +62,31 @@ def measure_masks(
             table[k, n] = 0
         table[k, 0], table[k, 1] = height, width
     for y in range(height):
-        for x in range(width if any_nonzero(labels[y]) else 0):
-            name = labels[y, x]
-            if name <= 0:
-                continue
-            k = slots[name]
+        end = 0
+        while end < width and any_nonzero(labels[y, end:]):
+            # Run after run: numbers of a table are slow to change.
+            start = end
+            while labels[y, start] <= 0:
+                start += 1
+            name, end = labels[y, start], start + 1
+            while end < width and labels[y, end] == name:
+                end += 1
+            k, count_before, length = slots[name], int(table[slots[name], 4]), end - start
             row = table[k]
-            row[0], row[1] = min(row[0], y), min(row[1], x)
-            row[2], row[3] = max(row[2], y + 1), max(row[3], x + 1)
-            red, green, blue = image[0, y, x], image[1, y, x], image[2, y, x]
-            row[7], row[8], row[9] = row[7] + red, row[8] + green, row[9] + blue
-            sums[k, 0], sums[k, 1] = sums[k, 0] + y, sums[k, 1] + x
-            if doubted[k]:
+            row[0], row[1], row[2], row[3] = min(row[0], y), min(row[1], start), y + 1, max(row[3], end)
+            for c in range(3):
+                row[7 + c] += sum_of(image[c, y, start:end])
+            sums[k, 0] += y * length
+            sums[k, 1] += (start + end - 1) * length / 2
+            row[4] += length
+            for x in range(start, end if doubted[k] else start):
                 most = none
                 for c in range(3):
                     least = max(deviation[c, y, x] * own, noise[c])
                     most = max(most, abs(image[c, y, x] - background[c, y, x]) / least)
                 row[14] += most
-            if int(row[4]) % SAMPLED == 0:
+            for x in range(start + -count_before % SAMPLED, end, SAMPLED):
+                red, green, blue = image[0, y, x], image[1, y, x], image[2, y, x]
                 red, green, blue = red * kind(balance[0]), green * kind(balance[1]), blue * kind(balance[2])
                 bright = (red + green + blue) / third
                 hue = (max(red, green, blue) - bright) / max(kind(p.min_hue_ratio) * bright, kind(p.min_hue)) - one
@@ -92,7 +99,6 @@ def measure_masks(
                 row[12] += dark * (one - hue)
                 row[13] += hue
                 looked[k] += 1
-            row[4] += 1
     for k in range(count):
         row, pixels = table[k], max(table[k, 4], 1)
         for n in range(7, 10):
@@ -115,6 +121,14 @@ def measure_masks(
                         least, best_row, best_column = away, y, x
         row[5] = min(max(down, best_row - 0.5), best_row + 0.5) + 0.5
         row[6] = min(max(across, best_column - 0.5), best_column + 0.5) + 0.5
+
+
+@jit
+def sum_of(values: Array) -> float:
+    total = 0.0
+    for x in range(values.shape[0]):
+        total += values[x]
+    return total
 
 
 @jit

@@ -249,10 +249,12 @@ class Tracker:
         """1 where objects are, 0 elsewhere, `[h, w]`; `kept` becomes 1 where the background is not learned, 3 where
         its noise is neither."""
         width = self.labels.shape[1] / self.labels.shape[0]
-        objects = [one.number for one in self.tracks if one.is_object]
-        keep = [one.number for one in self.tracks if is_kept_from_background(one, time, width, self.params)]
-        quiet = [one.number for one in self.tracks if one.number in keep and stands(one, time, QUIET_S)]
-        mask = object_mask(self.labels, objects, keep, quiet, self.count, kept)
+        # Others have no pixels.
+        seen = [one for one in self.tracks if one.last_seen == time]
+        objects = [one.number for one in seen if one.is_object]
+        keep = [one for one in seen if is_kept_from_background(one, time, width, self.params)]
+        quiet = [one.number for one in keep if stands(one, time, QUIET_S)]
+        mask = object_mask(self.labels, objects, [one.number for one in keep], quiet, self.count, kept)
         if objects:
             np.copyto(self.passed, np.float32(time), where=mask.view(np.bool_))
         return mask
