@@ -2,7 +2,8 @@
 
 First the time from the frames to the command, then that of what follows it: map, localiser, checks for the next
 command. The frames are those of a drive before a sofa. The navigators go through them in turn; times are of the
-processor.
+processor. What a step itself takes is its least time in all turns: interruptions and cold caches come at other steps
+in each of them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ndtorch_robot.sim.arenas import load_arena
 from tests.benchmarks.timing import Row, table
 
 TITLE = "Every step of a drive, with a map"
-ROUNDS, LIMIT_MS = 8, 1.0
+ROUNDS, LIMIT_MS = 16, 1.0
 
 NAVIGATORS: dict[str, dict[str, Any]] = {
     "published": {"controller": "published"},
@@ -64,11 +65,12 @@ def rows(device: str | None = None, found: dict[tuple[str, str], list[float]] | 
     made = []
     for (name, part), times in (found or measure()).items():
         p50, p99, p999 = np.percentile(times, (50, 99, 99.9))
+        least = np.reshape(times, (ROUNDS, -1)).min(0)
+        own, own999 = np.percentile(least, (50, 99.9))
         share = 100 * float(np.mean(np.array(times) <= LIMIT_MS))
-        figure = f"{p50:.2f}, {p99:.2f}, {p999:.2f} ms (median, 99, 99.9 %)"
-        made.append(
-            Row(f"{name}: {part}", figure, f"{share:.1f} % of {len(times)} in {LIMIT_MS:g} ms", f"{p999 / p50:.1f}x")
-        )
+        figure = f"{p50:.2f}, {p99:.2f}, {p999:.2f} ms (median, 99, 99.9 %), {p999 / p50:.1f}x"
+        beside = f"{share:.1f} % of {len(times)} in {LIMIT_MS:g} ms; each step's least: {own:.2f}, {own999:.2f} ms"
+        made.append(Row(f"{name}: {part}", figure, beside, f"{own999 / own:.2f}x"))
     return made
 
 

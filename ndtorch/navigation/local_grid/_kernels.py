@@ -133,10 +133,10 @@ def cell_index(x: Array, y: Array, pose: tuple[float, float, float], cell: float
 def tags(x: float, y: float, cell: float, size: int) -> Array:
     """How often each row and column has been wrapped around for a car at x, y, `[2, size]`."""
     out, kind = np.empty((2, size), np.float32), np.float32
+    rows = np.arange(size).astype(kind)
     for axis in range(2):
         here = math.floor(kind(y if axis else x) / kind(cell))
-        for n in range(size):
-            out[axis, n] = math.floor((kind(here) - kind(n)) / kind(size) + kind(0.5))
+        out[axis] = np.floor((kind(here) - rows) / kind(size) + kind(0.5))
     return out
 
 

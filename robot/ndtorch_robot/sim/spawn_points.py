@@ -58,12 +58,17 @@ class SpawnPoints:
     def lengths(self, x: float, y: float, angles: Floats, half_width: float | None = None) -> Floats:
         """How far the robot, or something else of this width, could go straight on in each direction, m."""
         half_width = 0.25 * self.unit if half_width is None else half_width
-        result = np.full(len(angles), np.inf)
-        for k, angle in enumerate(angles):
-            for aside in (-half_width, 0.0, half_width):
-                origin = np.array([x - aside * math.sin(angle), y + aside * math.cos(angle)])
-                result[k] = min(result[k], float(self.plan.cast(origin, np.array([angle]))[0]))
-        return result
+        cos, sin = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
+        dx, dy = np.moveaxis(self.plan.in_the_way - np.array((x, y)), -1, 0)
+        ahead, aside = cos * dx + sin * dy, cos * dy - sin * dx
+        # A surface is nearest where it ends in the strip that the robot covers, or where it enters it.
+        best = np.where((np.abs(aside) <= half_width) & (ahead > 0), ahead, np.inf).min((1, 2))
+        along, across = np.diff(ahead)[..., 0], np.diff(aside)[..., 0]
+        for edge in (-half_width, half_width):
+            share = (edge - aside[..., 0]) / np.where(across == 0, np.nan, across)
+            at = ahead[..., 0] + share * along
+            best = np.minimum(best, np.where((share >= 0) & (share <= 1) & (at > 0), at, np.inf).min(1))
+        return np.asarray(best)
 
     def walk(self, rng: np.random.Generator, avoid: Point) -> tuple[Point, Point]:
         """Two places with nothing in between, at most 4 m apart and away from `avoid`, to walk to and fro."""

@@ -10,7 +10,7 @@ from ndtorch.errors import InputError
 from ndtorch_robot.sim.arenas import arenas, load_arena
 from ndtorch_robot.sim.arenas.buildings import DOOR_SPACING
 from ndtorch_robot.sim.floors import Floor, Lamp, covered
-from ndtorch_robot.sim.plan import Plan, Ring, inside, ring
+from ndtorch_robot.sim.plan import Plan, Ring, cylinder, inside, ring
 from ndtorch_robot.sim.shapes import Box, trace
 from ndtorch_robot.sim.spawn_points import SpawnPoints
 
@@ -210,3 +210,12 @@ lamps = [{x = 2, y = 2, radius = 0.5, gain = 0.8}]
     assert sum(shape.radius > 0 for shape in plan.solids) == 6
     assert len(plan.remarks) == 1
     assert "a gap of 0.20 m near (7." in plan.remarks[0]
+
+
+def test_the_heading_of_a_start_is_free_for_the_whole_body():
+    pole = cylinder(2.5, 0.12, 0.015, 0.44, 6)
+    plan = Plan("pole", ring([(0.0, -2.0), (8.0, -2.0), (8.0, 2.0), (0.0, 2.0)]), (pole,))
+    ahead, aside, gap = SpawnPoints(plan).lengths(1.5, 0.0, np.array([0.0, math.pi / 2, math.pi]))
+    assert ahead == pytest.approx(1.0, abs=0.02)  # between the middle of the body and its side
+    assert aside == pytest.approx(2.0)
+    assert gap == pytest.approx(1.5)
