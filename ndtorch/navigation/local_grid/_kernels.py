@@ -46,7 +46,6 @@ class GridNumbers(NamedTuple):
     Attributes:
         cell: side of a cell, m.
         keep, fade: shares of the evidence that stay after a step, as a rule and while the car is boxed in.
-        near: what stands less than so many rows and columns away does not fade: the cameras do not see it any more.
         reach: ranges nearer than this along both axes are added, m.
         least, most: bounds of the evidence of a cell.
         range_weight: evidence of a range.
@@ -59,7 +58,6 @@ class GridNumbers(NamedTuple):
     cell: float
     keep: float
     fade: float
-    near: int
     reach: float
     least: float
     most: float
@@ -143,11 +141,8 @@ def tags(x: float, y: float, cell: float, size: int) -> Array:
 
 
 @jit(exact=True)
-def moved(evidence: Array, tag: Array, new_tag: Array, keep: float, near: Array) -> Array:
-    """Evidence of the cells that still represent the same places, of which the share `keep` stays; else 0.
-
-    What stands in rows and columns that are `near`, `[2, size]`, stays as it is.
-    """
+def moved(evidence: Array, tag: Array, new_tag: Array, keep: float) -> Array:
+    """Evidence of the cells that still represent the same places, of which the share `keep` stays; else 0."""
     kind, size = np.float32, evidence.shape[0]
     out, same = np.empty_like(evidence), np.empty(size, np.float32)
     for n in range(size):
@@ -156,28 +151,15 @@ def moved(evidence: Array, tag: Array, new_tag: Array, keep: float, near: Array)
         kept = kind(keep) if new_tag[0, row] == tag[0, row] else kind(0)
         for column in range(size):
             out[row, column] = evidence[row, column] * (kept * same[column])
-        if near[0, row] and kept > 0:
-            for column in range(size):
-                if near[1, column] and evidence[row, column] > 0:
-                    out[row, column] = evidence[row, column] * same[column]
     return out
 
 
 @jit
-def move_grid(grid: LocalGrid, pose: tuple[float, float, float], cell: float, keep: float, near: int = 0) -> LocalGrid:
-    """Forget what has left the square, and of the rest all but the share `keep`.
-
-    Args:
-        near: what stands less than so many rows and columns away is not forgotten.
-    """
-    size = grid.tag.shape[1]
-    tag, close = tags(pose[0], pose[1], cell, size), np.empty((2, size), np.bool_)
-    for axis in range(2):
-        here = math.floor(np.float32(pose[axis]) / np.float32(cell))
-        for n in range(size):
-            close[axis, n] = abs(((n - here + size // 2) & (size - 1)) - size // 2) < near
-    raised = moved(grid.raised, grid.tag, tag, keep, close) if grid.raised.size else grid.raised
-    return LocalGrid(moved(grid.evidence, grid.tag, tag, keep, close), tag, raised)
+def move_grid(grid: LocalGrid, pose: tuple[float, float, float], cell: float, keep: float) -> LocalGrid:
+    """Forget what has left the square, and of the rest all but the share `keep`."""
+    tag = tags(pose[0], pose[1], cell, grid.tag.shape[1])
+    raised = moved(grid.raised, grid.tag, tag, keep) if grid.raised.size else grid.raised
+    return LocalGrid(moved(grid.evidence, grid.tag, tag, keep), tag, raised)
 
 
 @jit

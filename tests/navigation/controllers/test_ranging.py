@@ -19,12 +19,9 @@ from ndtorch.navigation import (
     StereoRig,
 )
 from ndtorch.navigation.controllers.published import SaccadeAvoidance
-from ndtorch.navigation.controllers.ranging._kernels import TIGHT_LEFT, WIDE_LEFT, decide
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
 from ndtorch.navigation.controllers.ranging.modes import Facts, next_mode
-from ndtorch.navigation.local_grid._kernels import DrivenPath
-from ndtorch.navigation.local_grid.grid import cells_at
 from ndtorch.navigation.odometry import arc
 
 DT = 1 / 30
@@ -229,42 +226,6 @@ def test_the_published_rule_turns_towards_it(side, away):
     turns = command.curvature[command.curvature != 0]
     assert turns.numel() > 10
     assert (turns.sign() == -away).all()
-
-
-def test_what_stands_beside_the_body_is_not_erased_by_it():
-    """A post 2 cm off a flank shares a cell with the body; what was ranged below the middle was a mismatch."""
-    control, pose = RangingControl(RIG, DT), Pose(0.0, 0.02, 0.0)
-    p, state = control.params, control.start(None, pose)
-    cells = cells_at(tuple(pose), [0.1, 0.0], [0.2, 0.0], p.grid)
-    for layer in state.grid[::2]:
-        layer.reshape(-1)[cells] = 1.5
-    for _ in range(3):
-        _, state = control.step(cells_of(open_floor(pose, 0), 0.0), NOWHERE, pose, Command(0.0, 0.0), state)
-    for layer in state.grid[::2]:
-        assert layer.reshape(-1)[cells].tolist() == pytest.approx([1.5, -2.0])
-
-
-def turning(free, known, clear, **state):
-    """Mode and curvature that are decided in a turn to the left, whose wide and tight arc have these lengths, m."""
-    control, pose = RangingControl(RIG, DT), Pose(0.0, 0.0, 0.0)
-    before = control.start(None, pose)
-    before = before._replace(mode=TURN, turn_side=1.0, floor=before.floor._replace(age=100), **state)
-    lengths = np.zeros((3, 8), np.float32)
-    lengths[:, WIDE_LEFT : TIGHT_LEFT + 1] = free, known, clear
-    _, curvature, after = decide(lengths, tuple(pose), (0.2, 0.0), before, control.tables)
-    return after.mode, curvature
-
-
-def test_a_turn_takes_the_arc_that_is_free():
-    assert turning((0.5, 0.5), (0.5, 0.5), (0.5, 0.5)) == (TURN, 2.0)
-    assert turning((0.5, 0.1), (0.5, 0.1), (0.5, 0.1)) == (TURN, 1.0)
-    assert turning((1.5, 1.5), (1.5, 1.5), (0.0, 0.0)) == (TURN, 1.0)
-
-
-def test_a_car_backs_before_what_was_ranged_once_among_the_unseen():
-    path = DrivenPath(np.linspace((0.0, 0.0, 0.0), (-3.45, 0.0, 0.0), 70, dtype=np.float32), 70)
-    for known, clear, mode in ((0.0, 0.5, TURN), (0.0, 0.1, REVERSE), (0.5, 0.1, TURN)):
-        assert turning((0.5, 0.5), (known, known), (0.5, clear), has_reversed=1, path=path)[0] == mode
 
 
 NOTHING = Facts(*[False] * 7)

@@ -47,15 +47,6 @@ def test_remembers_what_a_dictionary_would(moves):
                 assert grid.evidence[cx % 32, cy % 32] == pytest.approx(value, abs=1e-5)
 
 
-def test_what_stands_near_is_kept():
-    grid = empty_grid(0.0, 0.0, PARAMS)
-    grid.evidence[[2, 2, 5], [31, 0, 0]] = 1.0, -1.0, 1.0
-    for _ in range(9):
-        grid = move_grid(grid, (0.05, 0.05, 0.0), PARAMS.cell_m, 0.9, 5)
-    assert grid.evidence[[2, 2, 5], [31, 0, 0]].tolist() == pytest.approx([1.0, -(0.9**9), 0.9**9])
-    assert not move_grid(grid, (9.0, 0.0, 0.0), PARAMS.cell_m, 0.9, 5).evidence.any()
-
-
 BODY = Body(length_m=0.5, width_m=0.36)
 ARCS = [(0.0, 1), (1.0, 1), (-2.0, 1), (0.0, -1), (2.0, -1)]
 TABLE = motion_primitives(ARCS, BODY, 0.07, 1.6, 0.08)

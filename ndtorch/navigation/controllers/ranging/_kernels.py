@@ -98,7 +98,6 @@ class RangingTables(NamedTuple):
         decision: `packed` `DecisionNumbers`.
         x, y: places of the cells of floor, of the floor under the car, and of the arcs, body frame, m.
         under: how many places there are under the car.
-        inside: how many of these, the first, are in cells that it covers; others may hold what stands beside it.
     """
 
     floor: FloorNumbers
@@ -108,7 +107,6 @@ class RangingTables(NamedTuple):
     x: Array
     y: Array
     under: int
-    inside: int
 
 
 @jit
@@ -173,14 +171,12 @@ def remember(
         pose, driven: where the car is, and the speed and curvature that it drove to get there.
 
     Returns:
-        Lengths of the arcs up to what blocks them, up to what is not known, and up to where anything but floor was
-        seen, `[3, A]` m, and the new state.
+        Lengths of the arcs up to what blocks them and up to what is not known, `[2, A]` m, and the new state.
     """
     g, kind = tables.grid, np.float32
     marks = np.empty((2, cells.shape[1], cells.shape[2]), np.float32)
     floor = floor_step(cells, driven, state.floor, tables.floor, marks)
-    boxed_in = state.mode == STOPPED
-    grid = move_grid(state.grid, pose, g.cell, g.fade if boxed_in else g.keep, 0 if boxed_in else g.near)
+    grid = move_grid(state.grid, pose, g.cell, g.fade if state.mode == STOPPED else g.keep)
     at = cell_index(tables.x, tables.y, pose, g.cell, grid.tag.shape[1])
     body = at[marks.size : marks.size + tables.under]
     add_ranges(grid.evidence, ranges, pose, g, g.range_weight, g.seen_through)
@@ -188,21 +184,16 @@ def remember(
     for k in range(weights.size):
         evidence[at[k]] += weights[k]
     for k in range(body.size):
-        if k < tables.inside or evidence[body[k]] <= 0:
-            evidence[body[k]] -= kind(UNDER_THE_CAR)
+        evidence[body[k]] -= kind(UNDER_THE_CAR)
     bound(grid.evidence, -g.least, g.most)
     if grid.raised.size:
         add_ranges(grid.raised, ranges, pose, g, g.range_weight, g.miss)
         raised = grid.raised.reshape(-1)
         for k in range(body.size):
-            if k < tables.inside or raised[body[k]] <= 0:
-                raised[body[k]] -= kind(g.least)
+            raised[body[k]] -= kind(g.least)
         bound(grid.raised, -g.least, g.most)
     arcs = at[marks.size + tables.under :]
-    lengths = np.empty((3, tables.arcs.curvature.size), kind)
-    lengths[:2] = free_distances(costs(grid, g.blocked), arcs, tables.arcs, g.blocked, g.unknown)
-    suspect = np.maximum(grid.evidence, grid.raised) if grid.raised.size else grid.evidence
-    lengths[2] = free_distances(suspect, arcs, tables.arcs, SUSPECT * g.range_weight, g.unknown)[0]
+    lengths = free_distances(costs(grid, g.blocked), arcs, tables.arcs, g.blocked, g.unknown)
     # A wall that is nearer than the floor in view may be at any distance: before it only what was seen free is free.
     if grid.raised.size and 2 * (marks[:, 0] > 0).sum() > marks[:, 0].size:
         lengths[0] = np.minimum(lengths[0], lengths[1])
@@ -224,9 +215,6 @@ def remember(
 
 AHEAD, WIDE_LEFT, TIGHT_LEFT, WIDE_RIGHT, TIGHT_RIGHT, BACK_RIGHT, BACK, BACK_LEFT = range(8)
 """The arcs whose free lengths are known, as `ranging_tables` makes them; those behind by the sign of curvature."""
-
-SUSPECT = 0.25
-"""Share of a range's evidence that blocks where nothing more will be seen before the car is there."""
 
 UNDER_THE_CAR = 2.0
 """Evidence that a place under the car loses in a step."""
@@ -270,10 +258,8 @@ def decide(
         turning = 1 if swing_back > SWING_M and (track < REAR_M or swing_back > WIDE_SWING_M) else 0
     tracked = track >= REAR_M and turning == 0
     rear = track if tracked else swing_back if turning else straight_back
-    # Before a turn into what was not seen free the car backs once, if it knows that it can, and farther where something
-    # was ranged once.
-    unseen = longest < p.min_free_m and rear >= SWING_M
-    unseen = unseen and not (s.has_reversed and lengths[2, tight_arc] >= p.min_free_m)
+    # Before a turn into what was not seen free the car backs once, if it knows that it can.
+    unseen = longest < p.min_free_m and rear >= SWING_M and not s.has_reversed
     gone, age = (s.reversed_m - driven[0] * p.dt if reversing else 0.0), s.age + 1
     facts = Facts(
         s.floor.age < floor.learning,
@@ -281,15 +267,15 @@ def decide(
         free[AHEAD] >= p.cruise_above_m and age >= p.turn_steps,
         blocked or unseen,
         (gone >= p.reverse_length and not tracked) or rear < REAR_M,
-        gone >= min(REVERSED_M, p.reverse_length) and min(longest, lengths[2, tight_arc]) >= p.room,
+        gone >= min(REVERSED_M, p.reverse_length) and longest >= p.room,
         rear < REAR_M,
     )
     mode = next_mode(s.mode, facts)
-    # Once tight, a turn stays tight until its arc is long, or the only free one.
+    # Once tight, a turn stays tight until its arc is long.
     roomy, speed, curvature = wide >= p.wide_turn_min_m, p.speed, 0.0
     if mode == TURN:
         speed = p.speed if roomy else p.tight_speed if longest >= p.min_free_m else p.unseen_speed
-        curvature = side * (p.wide if roomy or free[tight_arc] < p.min_free_m else p.tight)
+        curvature = side * (p.wide if roomy else p.tight)
     elif mode == REVERSE:
         speed = -p.reverse_speed
         curvature = follow if tracked else -side * p.tight if turning else 0.0

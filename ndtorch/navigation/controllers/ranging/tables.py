@@ -23,7 +23,7 @@ def ranging_tables(
     """All that is fixed of a step.
 
     Args:
-        seen_through: evidence that a range takes from every cell before it; with it, what stands near fades too.
+        seen_through: evidence that a range takes from every cell before it.
     """
     p = params
     wide, tight = 1 / p.turn_radius_m, 1 / p.tight_radius_m
@@ -34,17 +34,14 @@ def ranging_tables(
     x, y = np.meshgrid(
         np.linspace(-0.4, 0.4, 6) * p.body.length_m, np.linspace(-0.4, 0.4, 5) * p.body.width_m, indexing="ij"
     )
-    edge = np.maximum(np.abs(x) / p.body.length_m, np.abs(y) / p.body.width_m) > 0.3
-    x, y = (np.concatenate((part[~edge], part[edge])) for part in (x, y))
     return RangingTables(
         floor_numbers(rig, p, view, dt),
         grid_numbers(rig, p, dt, seen_through),
         primitives,
         packed(decision_numbers(p, dt)),
-        np.concatenate((view.x.numpy().ravel(), x, primitives.x)).astype(np.float32),
-        np.concatenate((view.y.numpy().ravel(), y, primitives.y)).astype(np.float32),
+        np.concatenate((view.x.numpy().ravel(), x.ravel(), primitives.x)).astype(np.float32),
+        np.concatenate((view.y.numpy().ravel(), y.ravel(), primitives.y)).astype(np.float32),
         x.size,
-        x.size if seen_through > 0 else int((~edge).sum()),
     )
 
 
@@ -82,7 +79,6 @@ def grid_numbers(rig: StereoRig, params: RangingParams, dt: float, seen_through:
         cell=float(p.cell_m),
         keep=math.exp(-dt / p.lifetime_s),
         fade=math.exp(-dt / params.boxed_in_memory_s),
-        near=0 if seen_through > 0 else round((rig.forward + params.floor.near_m) / p.cell_m),
         reach=float(p.reach),
         least=float(p.max_free_evidence),
         most=float(p.max_evidence),
