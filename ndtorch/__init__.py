@@ -36,7 +36,5 @@ __all__ = [
 if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy(
         __name__,
-        rooms=("binding", "navigation", "scenes", "vision"),
-        moved={"VisualBinding": 'ndtorch.load("published")', "objects": "model.objects(state)"},
-        explain=True,
+        submodules=("binding", "navigation", "scenes", "vision"),
     )

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.errors import InputError, did_you_mean
-
-AnyClass = TypeVar("AnyClass", bound=type)
-Some = TypeVar("Some")
+from ndtorch.errors import InputError
 
 FEW = 64
 """So many numbers are added sooner in Python than torch is called."""
@@ -76,7 +71,8 @@ def check_dense(name: str, value: object, *, meta: bool = False) -> None:
     """Raise `InputError` unless `value` is a tensor that holds all of its numbers, of whatever type; with `meta` also
     where it holds none."""
     if not isinstance(value, Tensor):
-        raise InputError(f"{name} must be a torch.Tensor, got {type(value).__name__}")
+        hint = "; convert it with torch.from_numpy" if type(value).__module__ == "numpy" else ""
+        raise InputError(f"{name} must be a torch.Tensor, got {type(value).__name__}{hint}")
     if value.layout != torch.strided:
         raise InputError(f"{name} must be dense, got {value.layout}")
     if value.is_meta and not meta and not torch.compiler.is_compiling():
@@ -104,77 +100,9 @@ def check_kind(name: str, value: object, kind: type) -> None:
         raise InputError(f"{name} must be a {kind.__name__} or None, got {type(value).__name__}")
 
 
-def check_state(state: Any, kind: type, *, meta: bool = False) -> None:
-    """Raise `InputError` unless `state` is None or a named tuple of that class whose own tensors hold numbers, none of
-    them NaN; with `meta`, tensors on that device will do. Tuples within it belong to other modules.
-    """
+def check_state(state: Any, kind: type) -> None:
+    """Raise `InputError` unless `state` is None or of the class that the module returns."""
     check_kind("state", state, kind)
-    if state is not None and not torch.compiler.is_compiling():
-        for field, value in zip(state._fields, state, strict=True):
-            if isinstance(value, Tensor):
-                check_dense(f"state.{field}", value, meta=meta)
-                if has_values(value) and value.is_floating_point() and holds_nan(value):
-                    raise InputError(f"state.{field} must be finite, got NaN")
-
-
-class Returned:
-    """Marks a state as one that a module has returned, see `returned`."""
-
-    __slots__ = ()
-
-
-def returned(state: Some) -> Some:
-    """The same named tuple, of a class of its own that `check_values` lets pass.
-
-    What is made of it, by `_replace`, a constructor, a copy or a file, is of the usual class again. So the states that
-    go from step to step cost nothing, and all others are looked at once.
-    """
-    if torch.compiler.is_compiling():
-        return state
-    kind, values = cast(Any, type(state)), cast(Any, state)
-    marked: Some = tuple.__new__(returned_kind(kind), values)
-    return marked
-
-
-@functools.cache
-def returned_kind(kind: Any) -> Any:
-    if issubclass(kind, Returned):
-        return kind
-    own = {
-        "__slots__": (),
-        "__annotations__": kind.__annotations__,
-        "__module__": kind.__module__,
-        "__new__": lambda cls, *values, **named: kind(*values, **named),
-        "_make": kind._make,
-        "__reduce__": lambda self: (kind, tuple(self)),
-    }
-    return type(kind.__name__, (kind, Returned), own)
-
-
-def check_values(name: str, value: Any) -> None:
-    """Raise `InputError` where a nested tuple of tensors, arrays and numbers holds NaN, unless a module returned it."""
-    if isinstance(value, Returned):
-        return
-    bad = False
-    if isinstance(value, tuple):
-        last = None
-        for field, part in zip(getattr(value, "_fields", map(str, range(len(value)))), value, strict=True):
-            if part is not last:  # most tiles of a map are one and the same empty one
-                check_values(f"{name}.{field}", part)
-            last = part
-    elif isinstance(value, Tensor):
-        bad = has_values(value) and value.layout == torch.strided and value.is_floating_point() and holds_nan(value)
-    elif isinstance(value, np.ndarray):
-        bad = value.dtype.kind == "f" and bool(np.isnan(value).any())
-    else:
-        bad = isinstance(value, float) and math.isnan(value)
-    if bad:
-        raise InputError(f"{name} must be finite, got NaN")
-
-
-def holds_nan(value: Tensor) -> bool:
-    """Whether a floating point tensor holds NaN: a finite sum says that it does not."""
-    return not math.isfinite(value.detach().sum().item()) and bool(torch.isnan(value).any())
 
 
 def check_batch(state: Any, batch: tuple[int, ...], *names: str) -> None:
@@ -287,30 +215,6 @@ def check_size(name: str, value: object, least: int) -> None:
         raise InputError(f"{name} must be {MOST_PIXELS} pixels in all at most, got {repr(value)[:40]}")
     pixels = "pixel" if least == 1 else "pixels"
     raise InputError(f"{name} must be a height and a width of at least {least} {pixels}, got {repr(value)[:40]}")
-
-
-def renamed_fields(**now: str) -> Callable[[AnyClass], AnyClass]:
-    """Decorator above `dataclass`: a field of an earlier version is answered with its present name, and an unknown one
-    with the nearest that there is.
-    """
-
-    def add(kind: AnyClass) -> AnyClass:
-        construct: Any = kind.__init__  # type: ignore[misc]
-        known = [field.name for field in dataclasses.fields(kind)]
-
-        @functools.wraps(construct)
-        def checked(self: Any, *args: Any, **given: Any) -> None:
-            for name in given:
-                if name in now:
-                    raise InputError(f"{name} of {kind.__name__} is now {now[name]}")
-                if name not in known:
-                    raise InputError(f"{kind.__name__} has no {name}{did_you_mean(name, known)}")
-            construct(self, *args, **given)
-
-        kind.__init__ = checked  # type: ignore[misc]
-        return kind
-
-    return add
 
 
 def rows_in(name: str, seconds: float, dt: float, least: int = 1) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -16,7 +16,6 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     field_validator,
-    model_validator,
 )
 
 from ndtorch.arguments import MOST_PIXELS, what_number
@@ -77,23 +76,12 @@ class Constants(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=True)
-    old_keys: ClassVar[Mapping[str, str]] = {}
-    """Keys of earlier versions and their names now; empty for those that are fixed now."""
 
     def __init__(self, **data: Any) -> None:
         try:
             super().__init__(**data)
         except ValidationError as error:
             raise InputError(what_is_wrong(error, type(self))) from None
-
-    @model_validator(mode="before")
-    @classmethod
-    def check_old_keys(cls, values: Any) -> Any:
-        """Answer keys of earlier versions with their names now."""
-        for key in values if isinstance(values, Mapping) else ():
-            if key in cls.old_keys:
-                raise ValueError(what_became_of(key, cls.old_keys[key]))
-        return values
 
     @field_validator("*", mode="before")
     @classmethod
@@ -112,11 +100,6 @@ class Constants(BaseModel):
             if wanted:
                 raise ValueError(f"should be {wanted}")
         return value
-
-
-def what_became_of(key: str, now: str) -> str:
-    """The error of a key of an earlier version."""
-    return f"{key} is called {now} now" if now else f"{key} is gone: it is a constant in the code now"
 
 
 class ModelConfig(Constants):
@@ -152,17 +135,6 @@ def option_places(kind: type[BaseModel]) -> dict[str, list[tuple[str, ...]]]:
     return places
 
 
-def old_keys(kind: type[BaseModel]) -> dict[str, str]:
-    """Keys of earlier versions of a config and of its tables, by their own names and by `table.name`."""
-    found = dict(getattr(kind, "old_keys", {}))
-    for name, field in kind.model_fields.items():
-        inner = field.annotation
-        if isinstance(inner, type) and issubclass(inner, Constants):
-            for old, now in inner.old_keys.items():
-                found |= {old: now and f"{name}.{now}", f"{name}.{old}": now and f"{name}.{now}"}
-    return found
-
-
 def with_options(config: Kind, options: Mapping[str, Any]) -> Kind:
     """The config with other values for some keys, given by their names: `gamma=1.0`, `{"network.tau_in": 2.0}`."""
     places = option_places(type(config))
@@ -170,9 +142,6 @@ def with_options(config: Kind, options: Mapping[str, Any]) -> Kind:
     for name, value in options.items():
         found = places.get(name, [])
         if not found:
-            old = old_keys(type(config)).get(name)
-            if old is not None:
-                raise InputError(f"options: {what_became_of(name, old)}")
             raise InputError(f"options: unknown key {name!r}; {suggestion(name, places)}")
         if len(found) > 1:
             raise InputError(

@@ -7,16 +7,13 @@ from typing import Any
 
 from ndtorch.binding.hub import download_model, is_hub_address
 from ndtorch.binding.models.base import BindingModel
-from ndtorch.binding.models.registry import REMOVED, kind_of, load_folder, removed
-from ndtorch.binding.models.registry import RENAMED as RENAMED_KINDS
+from ndtorch.binding.models.registry import kind_of, load_folder
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.backend import set_backend
 
 HERE = Path(__file__).resolve().parent
 # In an installed package the models lie inside it, in a checkout beside it.
 PLACES = (HERE / "models", HERE.parent / "models")
-RENAMED = {"binding": "published"}
-"""What models were called before."""
 
 
 def model_folders() -> dict[str, Path]:
@@ -84,17 +81,12 @@ def model_folder(model: str | Path) -> Path:
     folders = model_folders()
     if not isinstance(model, str | Path):
         raise InputError(f"model must be a name or a path, got {type(model).__name__}")
-    model = RENAMED_KINDS.get(str(model), model)
     if str(model) in folders:
         return folders[str(model)]
     if is_hub_address(model):
         return download_model(str(model))
     if Path(model).is_dir():
         return Path(model)
-    if str(model) in RENAMED:
-        raise InputError(f"the model {model} is called {RENAMED[str(model)]} now")
-    if str(model) in REMOVED:
-        raise InputError(removed(str(model)))
     if isinstance(model, Path) or "/" in model:
         raise InputError(f"{model} is not a model folder")
     known = ", ".join(folders) or "(none found)"

@@ -33,7 +33,6 @@ from ndtorch_robot.calibration.model import Calibration
 from ndtorch_robot.cameras.source import CameraSettings
 from ndtorch_robot.navigator_options import declared
 from ndtorch_robot.run_config import RunConfig
-from ndtorch_robot.sim.disturbances import read_disturbances
 
 CONFIGS = [kind.config_type for kind in KINDS.values()]
 
@@ -193,15 +192,6 @@ def test_keys_of_hardware_end_in_their_unit(table: type[BaseModel], name: str) -
     assert [(t, key) for t, key in bare if key not in WITHOUT.get(t, "").split()] == []
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [("rate=15", "fps"), ("late=0.1", "latency_s"), ("turned", "'right-yaw'"), ("noise=0.1", "noise_sigma")],
-)
-def test_an_old_disturbance_is_told_with_the_new_one(old: str, new: str) -> None:
-    with pytest.raises(InputError, match=f"is called {new} now"):
-        read_disturbances(old)
-
-
 NAMES = ("published", "scale-free", "retinotopic", "foreground")
 
 
@@ -284,8 +274,6 @@ def test_a_trained_first_stage_takes_the_place_of_the_folders() -> None:
 def test_an_unknown_name_is_refused() -> None:
     with pytest.raises(InputError, match=r"model must be .*published.*; got 'publish'; did you mean published\?"):
         ndtorch.load("publish")
-    with pytest.raises(InputError, match=r"^the model binding is called published now$"):
-        ndtorch.load("binding")
 
 
 @pytest.mark.parametrize("name", list(GROUPS))
@@ -305,7 +293,6 @@ def test_missing_and_misshapen_weights_are_refused_by_name(folder: Path, name: s
     ("options", "message"),
     [
         ({"gama": 1.0}, r"options: unknown key 'gama'; did you mean gamma\?"),
-        ({"fused": True}, "options: fused is gone: the sums are always compiled"),
         ({"radius_limit": 2.0}, r"options: network: radius_limit = 2\.0"),
         ({"rule": "oja"}, "rule must be one of competitive"),
         ({"tau_background": 3.0}, "published has no option tau_background; foreground has it"),
@@ -314,36 +301,3 @@ def test_missing_and_misshapen_weights_are_refused_by_name(folder: Path, name: s
 def test_options_that_do_not_fit_are_refused_by_name(folder: Path, options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         ndtorch.load(folder, **options)
-
-
-def test_the_model_video_is_gone(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"^the model video is gone; foreground does its job$"):
-        ndtorch.load("video", size=48)
-    (tmp_path / "config.toml").write_text('model = "video"')
-    with pytest.raises(InputError, match=r"config\.toml: the model video is gone; foreground does its job$"):
-        ndtorch.load(tmp_path)
-    with pytest.raises(ImportError, match="VideoModel is gone"):
-        from ndtorch.binding import VideoModel  # type: ignore[attr-defined]  # noqa: F401
-
-
-def test_the_model_figures_is_foreground(tmp_path: Path) -> None:
-    assert ndtorch.load("figures", size=48).name == model_kind("figures") == "foreground"
-    (tmp_path / "config.toml").write_text('model = "figures"\n[tracking]\nmax_lost_s = 2.0')
-    assert ndtorch.load(tmp_path).config.tracking.max_lost_s == 2.0
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"coast": 2.0}, r"^options: coast is called tracking\.max_lost_s now$"),
-        ({"tracking.coast": 2.0}, r"^options: tracking\.coast is called tracking\.max_lost_s now$"),
-        ({"tracking.swing": 0.3}, r"^options: tracking\.swing is gone: it is a constant in the code now$"),
-        ({"fastest": 30.0}, r"^options: fastest is called max_fps now$"),
-    ],
-)
-def test_old_keys_answer_with_the_new_ones(options: dict, message: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=message):
-        ndtorch.load("foreground", size=48, **options)
-    (tmp_path / "config.toml").write_text('model = "foreground"\n[tracking]\ncoast = 2.0')
-    with pytest.raises(InputError, match=r"config\.toml: .*coast is called max_lost_s now"):
-        ndtorch.load(tmp_path)

@@ -50,14 +50,11 @@ CASES = {
         bind two-bars --model foregroun
         bind two-bars --model ./void
         bind two-bars --model foreground --rule hebbian
-        bind two-bars --model video => the model video is gone; foreground does its job
         bind two-bars --model published --rule hebian => did you mean hebbian?
         bind two-bars --rule scale-free => --model scale-free
         bind two-bars --model scale-free --order printed => --order is an option of published
         bind clip.avi --gamma 1 => --gamma is an option of published, scale-free; the model is foreground
         bind clip.avi --fit stretch => the model is foreground
-        bind clip.avi --front-end on => --model foreground
-        bind clip.avi --front-end off => --model published
         bind two-bars --mask => --mask is an option of foreground
         bind two-bars --gamma -1
         bind two-bars --gamma nan
@@ -79,7 +76,6 @@ CASES = {
         bind clip.avi --start 500
         bind clip.avi --fps 0
         bind two-bars --pictures -1
-        bind two-bars --front-end on
         bind two-bars --resume text.mp4
         bind two-bars --out text.mp4
         bind two-bars --out /proc/nothing
@@ -106,12 +102,10 @@ CASES = {
         drive --seed -1 => --seed must be
         drive --features 0 => features must be a whole number
         drive --feature-position moton => did you mean motion?
-        drive --compiled => --compiled is gone: steps are always compiled
         drive --goal 3
         drive --controller goal --goal 90,0
         drive secnods.toml => did you mean seconds?
         drive kind.toml
-        drive old.toml => compiled is gone: steps are always compiled
         drive text.mp4 => not a TOML file
         drive nowhere.toml => no such file
         drive --out text.mp4
@@ -149,9 +143,6 @@ CASES = {
         calibrate void void --columns 1
         calibrate void void --square-mm 0
         cameras nowhere.mp4 nowhere.mp4
-        cameras a b --rate 25 => --rate is now --fps
-        cameras a b --exposure=5 => --exposure is now --exposure-ms
-        cameras a b --tolerance 5 => --tolerance is now --tolerance-ms
     """,
     "Training, scores and sweeps": """
         first-stage --gamma 0
@@ -196,7 +187,6 @@ def prepare(folder: Path) -> None:
     writer.release()
     (folder / "secnods.toml").write_text("secnods = 3\n")
     (folder / "kind.toml").write_text('seconds = "three"\n')
-    (folder / "old.toml").write_text("compiled = true\n")
     (folder / "bad.toml").write_text("rooms = [[0, 0, 4]]\n")
     (folder / "car.toml").write_text("[limmits]\nspeed = 1\n")
     (folder / "gama.toml").write_text("[vary]\ngama = [1]\n")

@@ -59,19 +59,3 @@ def test_everything_public_comes_from_its_own_package(module: ModuleType) -> Non
 
 def test_there_is_a_version() -> None:
     assert importlib.metadata.version("ndtorch") == ndtorch.__version__
-
-
-@pytest.mark.parametrize(
-    ("module", "name", "instead"),
-    [
-        (ndtorch, "VisualBinding", r'ndtorch\.load\("published"\)'),
-        (ndtorch, "objects", r"model\.objects\(state\)"),
-        (ndtorch.binding, "RetinotopicBinding", "RetinotopicModel"),
-        (ndtorch.navigation, "CompiledNavigator", "Navigator, whose steps are compiled"),
-        (ndtorch.navigation, "RowRanging", "StereoRanging"),
-        (ndtorch.navigation, "Avoider", "SaccadeController"),
-    ],
-)
-def test_a_name_that_is_gone_says_what_took_its_place(module: ModuleType, name: str, instead: str) -> None:
-    with pytest.raises(ImportError, match=f"{name} is gone; use {instead}"):
-        getattr(module, name)

@@ -20,8 +20,6 @@ from ndtorch.binding.rules import ACTIVATIONS, RULES, LearningRule, learning_rul
 from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.spectrum import limit_spectral_radius, spectral_radius
 from ndtorch.binding.theory import separated, solutions
-from ndtorch.utils.lazy import lazy
-from ndtorch.utils.public_calls import explain_calls
 
 __all__ = [
     "ACTIVATIONS",
@@ -55,17 +53,3 @@ __all__ = [
     "train_first_stage",
     "weight_change",
 ]
-
-explain_calls(__name__, __all__)
-
-__getattr__, __dir__ = lazy(
-    __name__,
-    moved={
-        "Windows": "ObjectFiles",
-        "VideoModel": 'ndtorch.load("foreground")',
-        "VisualBinding": 'ndtorch.load("published")',
-        "RetinotopicBinding": "RetinotopicModel, or ObjectFiles",
-        "BindingConfig": "ndtorch.binding.models.published.PublishedConfig",
-        "objects": "model.objects(state), or bound_objects(object_table(weights))",
-    },
-)

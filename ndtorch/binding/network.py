@@ -75,7 +75,6 @@ class InhibitoryNetwork(nn.Module):
         initial: weights to start from, `[N, N]`; None for zeros.
         backend: "numba" takes the steps by a kernel, "torch" by tensor operations, "auto" by a kernel where the
             network has one, no gradient is needed and the inputs are on a CPU.
-        gamma: what was said here in version 0.1 is an option of the rule.
 
     Shapes:
         inputs `[..., T, N]` -> outputs `[..., T, N]`, or `[..., T, F, N]` -> `[..., T, F, N]` with `shared` weights;
@@ -111,11 +110,8 @@ class InhibitoryNetwork(nn.Module):
         tau_rough: float = 0.5,
         initial: Tensor | None = None,
         backend: Backend = "auto",
-        gamma: None = None,
     ) -> None:
         super().__init__()
-        if gamma is not None:
-            raise InputError("gamma is an option of the rule now: rule=learning_rule('competitive', gamma=...)")
         if not (is_whole(neurons) and 2 <= neurons <= MOST_NEURONS):
             raise InputError(f"neurons must be a whole number from 2 to {MOST_NEURONS}, got {repr(neurons)[:40]}")
         check_number("dt", dt, above=0, unit="seconds")

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from ndtorch.report.responses import ResponseFile
     from ndtorch.run.opening import Prepared
 
-MOVED = {"on": "--model foreground", "off": "--model published"}
-"""What took the place of --front-end."""
-
 
 @choices(
     model=("foreground", "published", "retinotopic", "scale-free", "FOLDER"),
@@ -55,13 +52,9 @@ class Bind(BindJob):
     """Also write a recording for the rerun viewer."""
     mask: bool = False
     """Also write mask.mp4 of the model foreground: white where an object is, a frame for every frame of the source."""
-    front_end: str | None = None
-    """Removed: use --model foreground (on) or published (off)."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""
-        if self.front_end is not None:
-            raise InputError(f"--front-end {self.front_end} is now {MOVED.get(self.front_end, '--model NAME')}")
         import torch
 
         from ndtorch.report.advice import CameraMotion, advice

@@ -27,12 +27,6 @@ ELSEWHERE = {
 }
 """Commands of our other distributions, to name these where they are missing."""
 
-MOVED = {
-    "score": "it is ndtorch benchmark now, with the sub-commands scenes, hard, foreground, common-fate and ranges",
-    "soak": "fault injection is a test of the checkout: make soak MINUTES=10, or python -m tests.fault_injection",
-}
-"""Commands of version 0.2, and what took their place."""
-
 UNREAD = 141
 """Exit code when the reader of what is printed has gone, as shells have it."""
 
@@ -79,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     if given[0] == "--completion":
         return print_completion(given[1:], commands)
-    if given[0] in MOVED or given[0] not in commands:
+    if given[0] not in commands:
         print(f"error: ndtorch has no command {given[0]!r}; {hint(given[0], commands)}", file=sys.stderr)
         return UNUSABLE
     try:
@@ -151,8 +145,6 @@ def flags_of_command(name: str, points: Sequence[EntryPoint]) -> list[str]:
 
 def hint(name: str, commands: Iterable[str]) -> str:
     """What to do about a command that is not there."""
-    if name in MOVED:
-        return MOVED[name]
     for distribution, names in ELSEWHERE.items():
         if name in names:
             return f"it comes with {distribution}; in a checkout: pip install ./{distribution.removeprefix('ndtorch-')}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,28 +32,9 @@ SHADOW_CLOSING_RATIO = 0.04
 OUTLIER_LIMIT = 3.0
 """One step teaches the noise at most this many times its present value."""
 
-FIXED = (
-    "settle broad trail penumbra around pure colored dark light offset patch soft speckle block other "
-    "surprise gain_limit cut changed alike"
-)
-"""Keys of version 0.2.0 that are constants in the code now."""
-
 
 class BackgroundParams(Constants):
     """Constants of the background model; brightness is a fraction of full scale."""
-
-    old_keys: ClassVar = dict.fromkeys(FIXED.split(), "") | {
-        "height": "max_height_px",
-        "tau_ground": "tau_background",
-        "spread": "threshold_sigma",
-        "least_noise": "min_noise_ratio",
-        "moved": "min_motion_ratio",
-        "still": "static_after_s",
-        "hold": "object_learning_ratio",
-        "darkest": "shadow_min_ratio",
-        "tint": "shadow_max_tint_ratio",
-        "uneven": "shadow_max_variation_ratio",
-    }
 
     max_height_px: int = constant(
         224, "Frames are shrunk by a whole number to at most this many rows.", ge=16, le=32_768

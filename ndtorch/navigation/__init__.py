@@ -39,8 +39,6 @@ from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
 from ndtorch.navigation.stereo.strips import Strips, cut_strips
-from ndtorch.utils.lazy import lazy
-from ndtorch.utils.public_calls import explain_calls
 
 __all__ = [
     "ARRIVED",
@@ -82,14 +80,3 @@ __all__ = [
     "make_controller",
     "save_map",
 ]
-
-explain_calls(__name__, __all__)
-
-__getattr__, __dir__ = lazy(
-    __name__,
-    moved={
-        "Avoider": "SaccadeController",
-        "CompiledNavigator": "Navigator, whose steps are compiled",
-        "RowRanging": "StereoRanging",
-    },
-)

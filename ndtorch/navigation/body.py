@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ndtorch.arguments import check_numbers, renamed_fields
+from ndtorch.arguments import check_numbers
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.stereo.correspondence import MatchParams
 from ndtorch.navigation.stereo.rig import StereoRig
@@ -24,7 +24,6 @@ SPOT_RADIUS = 0.05
 """Radius of a turn on the spot, in units of the body: commands are speed and curvature."""
 
 
-@renamed_fields(length="length_m (all of it)", width="width_m (all of it)", room="RangingParams.safety_margin_m")
 @dataclass(frozen=True)
 class Body:
     """The body of a robot: a rectangle about the point that it turns about.

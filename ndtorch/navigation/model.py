@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_kind, check_values, returned
+from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body, match_params, proximity_params, rig_in_units, search_params
 from ndtorch.navigation.controllers.contract import Command, Controller
@@ -189,7 +189,7 @@ class Navigator(nn.Module):
 
         def complete() -> NavigatorState:
             try:
-                return returned(rest())
+                return rest()
             except Exception as error:
                 explain(error)
                 raise
@@ -197,7 +197,6 @@ class Navigator(nn.Module):
         try:
             if state is not None:
                 check_known(state)
-                check_values("state", state)
             command, rest = self.frame_by_frame(ours, theirs, state, driven, start, shape)
         except Exception as error:
             explain(error)

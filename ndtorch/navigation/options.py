@@ -169,17 +169,6 @@ class NavigatorOptions:
 FASTEST = 1.0
 """m/s: what [A] gives for the car."""
 
-RENAMED = {
-    "places": "feature_position",
-    "ranging": "stereo",
-    "ahead": "ahead_share",
-    "map": "map_update",
-    "to": "goal",
-    "back": "return_home",
-    "cruise": "speed",
-}
-"""Names of options in version 0.2, and those of now."""
-
 OPTION_NAMES = tuple(option.name for option in dataclasses.fields(NavigatorOptions))
 """The names of all options, in order."""
 
@@ -229,6 +218,5 @@ def place_of(text: Any) -> tuple[float, float] | None:
 
 
 def options_of(values: Mapping[str, Any]) -> NavigatorOptions:
-    """The options among the keys of a mapping, also by their names of version 0.2; other keys do not matter."""
-    values = {RENAMED.get(name, name): value for name, value in values.items()}
+    """The options among the keys of a mapping; other keys do not matter."""
     return NavigatorOptions(**{name: values[name] for name in OPTION_NAMES if name in values})

@@ -7,7 +7,7 @@ import dataclasses
 import io
 import itertools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 from ndtorch.errors import InputError, did_you_mean
@@ -70,24 +70,16 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
     """The command with its options.
 
     Args:
-        kind: a dataclass; its docstring is the help. Its attribute `gone`, where it has one, holds flags of earlier
-            versions and what took their place, `renamed` those that have another name now.
+        kind: a dataclass; its docstring is the help.
         prog: how it is called.
         arguments: without `--quiet`.
 
     Raises:
-        InputError: a flag that is gone, or arguments that cannot be used.
+        InputError: arguments that cannot be used.
         SystemExit: after the help.
     """
     import tyro
 
-    gone: Mapping[str, str] = getattr(kind, "gone", {})
-    renamed: Mapping[str, str] = getattr(kind, "renamed", {})
-    for flag in (word.partition("=")[0] for word in arguments):
-        if flag in gone:
-            raise InputError(f"{flag} is gone: {gone[flag]}")
-        if flag in renamed:
-            raise InputError(f"{flag} is now {renamed[flag]}")
     hints = get_type_hints(kind, include_extras=True)
     hide = tyro.conf.arg(help_behavior_hint=lambda default: "" if default in UNSAID else f"(default: {default})")
     for field in dataclasses.fields(kind):

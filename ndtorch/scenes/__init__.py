@@ -62,4 +62,4 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy(__name__, explain=True)
+    __getattr__, __dir__ = lazy(__name__)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from ndtorch.config import Constants, Shares, constant
@@ -18,14 +16,6 @@ DIMMEST = 0.02
 
 class ColorParams(Constants):
     """Where hue, white and black begin and end; brightness is a fraction of the brightest patch in view."""
-
-    old_keys: ClassVar = {
-        "palest": "min_hue",
-        "pale": "min_hue_ratio",
-        "white": "white_ratio",
-        "black": "black_ratio",
-        "dimmest": "",
-    }
 
     min_hue: float = constant(0.02, "A hue below this fraction of full scale is achromatic.", gt=0)
     min_hue_ratio: float = constant(0.12, "A hue below this fraction of the brightness is achromatic.", ge=0)

@@ -2,46 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from ndtorch.config import Constants, constant
-
-FIXED = (
-    "certain unbent shadow piece follow grouped blurred room restless glimpse near shortly same_size among several "
-    "stride least_stride doubt behind step swing grown beside fate moves "
-    "steady straight min_straightness_ratio shared reach alone forget lately whole leaves familiar warm_up"
-)
-"""Keys of version 0.2.0 that are constants in the code now, or whose rule is gone (steady, straight)."""
 
 
 class TrackingParams(Constants):
     """How blobs become tracks. A `size` is the mean of an object's height and width."""
-
-    old_keys: ClassVar = dict.fromkeys(FIXED.split(), "") | {
-        "smallest": "min_area_ratio",
-        "tiny": "min_area_isolated_ratio",
-        "gap": "closing_px",
-        "notch": "split_notch_ratio",
-        "gate": "gate_sizes",
-        "unlike": "color_cost",
-        "known_by": "split_color_cost",
-        "alike_size": "max_area_ratio",
-        "own_color": "occlusion_color_cost",
-        "coast": "max_lost_s",
-        "ahead": "max_prediction_s",
-        "shortest": "min_track_s",
-        "travel": "min_travel_sizes",
-        "way": "min_travel_height_ratio",
-        "wander": "clutter_travel_factor",
-        "many": "clutter_rate",
-        "crowded": "clutter_density",
-        "clear": "min_contrast_sigma",
-        "trial": "probation_s",
-        "larger": "parent_area_ratio",
-        "rests": "stationary_after_s",
-        "stays": "stationary_max_s",
-        "doubtful": "tentative_max_s",
-    }
 
     min_area_ratio: float = constant(0.0005, "A blob has at least this area, as a fraction of the image area.", gt=0)
     min_area_isolated_ratio: float = constant(

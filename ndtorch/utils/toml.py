@@ -7,9 +7,9 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.files import read_text
@@ -27,14 +27,9 @@ _READING: ContextVar[bool] = ContextVar("reading", default=False)
 
 
 class Strict(BaseModel):
-    """A table of a file: unknown keys are errors, and so are NaN and infinity.
-
-    Attributes:
-        renamed: keys of earlier versions, and their present names.
-    """
+    """A table of a file: unknown keys are errors, and so are NaN and infinity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-    renamed: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, **data: Any) -> None:
         if _READING.get():
@@ -50,15 +45,6 @@ class Strict(BaseModel):
     def check_no_truth(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse True for a number, of which pydantic makes 1."""
         return no_truth(cls, value, info)
-
-    @model_validator(mode="before")
-    @classmethod
-    def not_renamed(cls, values: Any) -> Any:
-        """Refuse a key of an earlier version in one line that names the present one."""
-        for key, now in cls.renamed.items():
-            if isinstance(values, Mapping) and key in values:
-                raise InputError(f"{key} is now {now}")
-        return values
 
 
 Table = TypeVar("Table", bound=BaseModel)

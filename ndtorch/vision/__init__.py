@@ -1,7 +1,5 @@
 """Frames -> signals: temporal filters, motion, orientation and the ten features; speed of image rows."""
 
-from ndtorch.utils.lazy import lazy
-from ndtorch.utils.public_calls import explain_calls
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.coherent import CoherentMotion, CoherentParams, CoherentState
@@ -61,11 +59,3 @@ __all__ = [
     "spatial_maximum",
     "speed_response",
 ]
-
-explain_calls(__name__, __all__)
-
-VIDEO = 'ndtorch.load("foreground"), which took the place of the model video'
-__getattr__, __dir__ = lazy(
-    __name__,
-    moved=dict.fromkeys(("CameraFrontEnd", "CameraParams", "CameraState", "FieldSignals"), VIDEO),
-)

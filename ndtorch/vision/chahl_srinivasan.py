@@ -86,7 +86,7 @@ class ChahlSrinivasan(nn.Module):
         self.min_contrast = min_contrast
 
     def forward(self, x: Tensor, state: ShiftState | None = None) -> tuple[Tensor, ShiftState]:
-        check_state(state, ShiftState, meta=True)
+        check_state(state, ShiftState)
         dim = time_dim(x, 3)
         if x.shape[-1] < 3:
             raise InputError(f"x must be at least 3 pixels wide, got shape {tuple(x.shape)}")

@@ -115,7 +115,7 @@ class CoherentMotion(nn.Module):
         return CoherentState(image, past, torch.zeros((), dtype=torch.int64))
 
     def forward(self, frames: Tensor, state: CoherentState | None = None) -> tuple[Tensor, CoherentState]:
-        check_state(state, CoherentState, meta=True)
+        check_state(state, CoherentState)
         images = grey(as_float(check_frames(frames, self.size))).unbind(-3)
         state = self.start(images[0]) if state is None else self.known(state, images[0])
         maps = []
@@ -126,7 +126,7 @@ class CoherentMotion(nn.Module):
 
     def advance(self, frames: Tensor, state: CoherentState | None = None) -> CoherentState:
         """The state after frames `[..., T, C, H, W]`, for those who do not need the maps of every frame."""
-        check_state(state, CoherentState, meta=True)
+        check_state(state, CoherentState)
         images = grey(as_float(check_frames(frames, self.size))).unbind(-3)
         state = self.start(images[0]) if state is None else self.known(state, images[0])
         for image in images:

@@ -39,10 +39,6 @@ CPU_PIXELS = 1 << 18
 CUDA_PIXELS = 1 << 25
 
 
-FUSED = "the sums are always compiled"
-"""What took the place of the option `fused` of version 0.1."""
-
-
 class VisualFeatures(nn.Module):
     """Ten wide-field signals of a sequence of frames, and the images they are sums of. [B §2.1, fig. 1]
 
@@ -58,7 +54,6 @@ class VisualFeatures(nn.Module):
         center, surround: deviations of the orientation filters along and across, pixels.
         backend: "numba" takes the sums by kernels, "torch" by tensor operations, "auto" by kernels where no gradient
             is needed and the frames are on a CPU.
-        fused: gone since version 0.2; an error says what took its place.
 
     Shapes:
         frames `[..., T, C, H, W]` (C = 3 or 1; float 0..1 or uint8) -> `[..., T, 10]`, in the order of
@@ -84,11 +79,8 @@ class VisualFeatures(nn.Module):
         surround: tuple[float, float] = (22.0, 9.0),
         *,
         backend: Backend = "auto",
-        fused: None = None,
     ) -> None:
         super().__init__()
-        if fused is not None:
-            raise InputError(f"fused is gone: {FUSED}")
         check_size("size", size, 2)
         self.size = (int(size[0]), int(size[1]))
         self.backend = check_backend(backend)
@@ -101,7 +93,7 @@ class VisualFeatures(nn.Module):
         return f"size={self.size}, backend={self.backend}"
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
-        check_state(state, MotionState, meta=True)
+        check_state(state, MotionState)
         frames = check_frames(frames, self.size, values=False, device=self.orientation.device)
         batch = frames.shape[:-4]
         if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:

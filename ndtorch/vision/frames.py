@@ -42,7 +42,8 @@ def check_frames(
         raise InputError(f"frames must have shape [..., T, C, H, W], got {tuple(frames.shape)}")
     channels, height, width = frames.shape[-3:]
     if channels not in (1, 3):
-        raise InputError(f"frames must have 3 channels (or 1, grey), got {channels}: {tuple(frames.shape)}")
+        hint = "; give frames.permute(0, 3, 1, 2)" if width in (1, 3) and frames.ndim == 4 else ""
+        raise InputError(f"frames must have 3 channels (or 1, grey), got {channels}: {tuple(frames.shape)}{hint}")
     if frames.numel() == 0:
         raise InputError(f"frames must hold at least one frame, got {tuple(frames.shape)}")
     if size is not None and (height, width) != tuple(size):

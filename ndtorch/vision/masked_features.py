@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -27,8 +27,6 @@ UNROLLED = 32
 
 class FeatureParams(Constants):
     """Constants of the ten features."""
-
-    old_keys: ClassVar = {"most": "max_objects", "center": "", "surround": ""}
 
     max_objects: int = constant(32, "There are receptive fields for this many objects at a time.", gt=0)
     tau_high: float = constant(0.5, "The high-pass of the motion detectors has this time constant in seconds.", ge=0)

@@ -123,7 +123,7 @@ class HassensteinReichardt(nn.Module):
 
     def scan(self, images: Tensor, state: MotionState | None) -> tuple[Tensor, Tensor, MotionState]:
         """Run the temporal filters over grey images `[..., T, H, W]`; returns PH, PHL and the state."""
-        check_state(state, MotionState, meta=True)
+        check_state(state, MotionState)
         frames = images.unbind(-3)
         state = self.start(frames[0]) if state is None else state
         for name, kept in zip(state._fields, state, strict=True) if frames else ():

@@ -62,7 +62,7 @@ class NDMin(nn.Module):
         return f"tau_high={shown(self.tau_high)}, dt={shown(self.dt)}"
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
-        check_state(state, FilterState, meta=True)
+        check_state(state, FilterState)
         dim = time_dim(x, 3)
         check_tensor("x", x, meta=True)
         return self.scan(x, state, dim)
@@ -128,7 +128,7 @@ class NDS(nn.Module):
         self.high_pass, self.low_pass = HighPass(tau_high, dt), LowPass(tau_low, dt)
 
     def forward(self, x: Tensor, state: NDSState | None = None) -> tuple[Tensor, NDSState]:
-        check_state(state, NDSState, meta=True)
+        check_state(state, NDSState)
         high, high_state = self.high_pass(x, None if state is None else state.high)
         low, low_state = self.low_pass(high, None if state is None else state.low)
         padded = F.pad(low, (1, 1))

@@ -144,7 +144,7 @@ class LocalFeatures(nn.Module):
             self.register_buffer(name, weights)
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
-        check_state(state, MotionState, meta=True)
+        check_state(state, MotionState)
         frames = check_frames(frames, self.features.size, values=False, device=self.features.orientation.device)
         if self.features.orientation.paired and one_pass_fits(
             frames, state, self.features.backend, *self.features.parameters()

@@ -158,7 +158,7 @@ class LowPass(nn.Module):
         return f"tau={shown(self.tau)}, dt={shown(self.dt)}, sample_dims={self.sample_dims}"
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
-        check_state(state, FilterState, meta=True)
+        check_state(state, FilterState)
         dim = time_dim(x, self.sample_dims)
         check_tensor("x", x, meta=True)
         a = self.a
@@ -223,7 +223,7 @@ class RunningMax(nn.Module):
         return f"seconds={self.seconds:g}, dt={self.dt:g}"
 
     def forward(self, x: Tensor, state: RecentMaxState | None = None) -> tuple[Tensor, RecentMaxState]:
-        check_state(state, RecentMaxState, meta=True)
+        check_state(state, RecentMaxState)
         time_dim(x, 1)
         check_tensor("x", x, meta=True)
         length = self.window - 1
@@ -291,7 +291,7 @@ class Resample(nn.Module):
         return f"dt_in={self.dt_in:g}, dt_out={self.dt_out:g}"
 
     def forward(self, x: Tensor, state: ResampleState | None = None) -> tuple[Tensor, ResampleState]:
-        check_state(state, ResampleState, meta=isinstance(x, Tensor) and x.is_meta)
+        check_state(state, ResampleState)
         time_dim(x, 1)
         check_tensor("x", x, meta=True)
         if self.identity:

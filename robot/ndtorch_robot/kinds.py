@@ -33,14 +33,13 @@ class Kinds(Generic[Opening, Opened]):
     Args:
         what: the part, for messages.
         package: in whose folder they are looked for.
-        gone: kinds of earlier versions, and what took their place.
 
     Attributes:
         known: the kinds that were registered so far, by name.
     """
 
-    def __init__(self, what: str, package: str, gone: Mapping[str, str] | None = None) -> None:
-        self.what, self.package, self.gone = what, package, gone or {}
+    def __init__(self, what: str, package: str) -> None:
+        self.what, self.package = what, package
         self.known: dict[str, Kind] = {}
 
     def register(
@@ -63,8 +62,6 @@ class Kinds(Generic[Opening, Opened]):
             assert folder is not None
             for module in pkgutil.iter_modules([str(Path(folder).parent)]):
                 importlib.import_module(f"{self.package}.{module.name}")
-        if name not in self.known and name in self.gone:
-            raise InputError(f"the {self.what} of the kind {name!r} is gone: {self.gone[name]}")
         if name not in self.known:
             raise InputError(
                 f"no {self.what} of the kind {name!r}, known are {', '.join(sorted(self.known))}"

@@ -19,27 +19,6 @@ from ndtorch.utils.packages import module_places
 
 Command = TypeVar("Command", bound=type)
 
-GONE = {
-    "--compiled": "steps are always compiled",
-    "--record-format": "recordings hold what the navigator reads, lossless",
-}
-"""Options of earlier versions, and what took their place."""
-
-RENAMED = {
-    "--places": "--feature-position",
-    "--ranging": "--stereo",
-    "--ahead": "--ahead-share",
-    "--map": "--map-update",
-    "--to": "--goal",
-    "--back": "--return-home",
-    "--return": "--return-home",
-    "--cruise": "--speed",
-    "--moving": "--pedestrian",
-    "--whole": "--full-frames",
-    "--stress": "--disturbance",
-}
-"""Options of version 0.2, and their names now."""
-
 MODULE, CLASS = "ndtorch.navigation.options", "NavigatorOptions"
 
 
@@ -71,7 +50,6 @@ def navigator_options(*left_out: str) -> Callable[[Command], Command]:
             conf = tyro.conf.arg(help=text)
             command.__annotations__[option.name] = Annotated[kind, conf]
             setattr(command, option.name, False if flag else None)
-        command.gone, command.renamed = GONE, RENAMED  # type: ignore[attr-defined]
         return command
 
     return add

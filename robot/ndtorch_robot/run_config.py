@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from pydantic import Field, model_validator
 
@@ -52,12 +52,6 @@ class BodyTable(Strict):
 
 class RigTable(Strict):
     """`[rig]`: what a calibration of the cameras gives; see `ndtorch.navigation.StereoRig`."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "camera_height_m": "camera_height_m of [body]",
-        "forward_m": "camera_forward_m of [body]",
-        "pitch_deg": "camera_pitch_deg of [body], positive where the cameras look down",
-    }
 
     baseline_m: float = Field(0.30, gt=0, description="The cameras are this far apart, in m.")
     focal_px: float = Field(430.0, gt=0, description="The lenses have this focal length, in pixels.")
@@ -147,31 +141,8 @@ class RobotTable(Strict):
         return SafetyLimits(limits.speed if speed is None else speed, limits.curvature, silence=late, age=late)
 
 
-OLD_LIMITS = {
-    "row_contrast": "row_contrast_levels",
-    "field_contrast": "field_contrast_levels",
-    "row_relative": "row_contrast_ratio",
-    "field_relative": "field_contrast_ratio",
-    "sharpness": "sharpness_ratio",
-    "noise": "noise_levels",
-    "sharp_range": "min_range_levels",
-    "softness": "soft_edge_ratio",
-    "row_change": "row_change_levels",
-    "field_change": "field_change_levels",
-    "still": "static_correlation",
-    "by_chance": "chance_correlation",
-    "swapped": "swapped_sum",
-    "mirrored": "mirrored_sum",
-    "turns": "min_turns",
-    "backwards": "reversed_log_ratio",
-}
-"""Keys of `[sight]` of version 0.2, and those of `[camera_monitor]`."""
-
-
 class CameraMonitorTable(CameraLimits):
     """`[camera_monitor]` of a car, which must stop soon."""
-
-    renamed: ClassVar[Mapping[str, str]] = OLD_LIMITS
 
     patience_s: float = Field(
         0.25, ge=0.05, le=0.4, description="Images must look wrong for this time, in s, before the car stops."
@@ -192,8 +163,6 @@ class SimulationTable(Strict):
     The firmware drives it, in this process, or with `link.kind = "simulated-world"` nothing but the loop.
     """
 
-    renamed: ClassVar[Mapping[str, str]] = {"stress": "disturbance"}
-
     arena: str = Field("curve", description="The car drives in this arena, a name or a .toml file.")
     seed: int = Field(0, ge=0, lt=2**31, description="Building, textures and start follow from this number.")
     disturbance: str = Field(
@@ -203,8 +172,6 @@ class SimulationTable(Strict):
 
 class RunConfig(RobotTable):
     """The file of a robot for `ndtorch run`; `--robot` of other commands reads what describes the robot."""
-
-    renamed: ClassVar[Mapping[str, str]] = {"sight": "camera_monitor"}
 
     robot: str = Field(min_length=1, max_length=8, description="The board must have this name.")
     link: Mapping[str, str | int | float | bool] = Field(

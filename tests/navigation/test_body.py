@@ -16,11 +16,9 @@ import ndtorch.navigation
 from ndtorch.errors import InputError
 from ndtorch.navigation import (
     CRUISE,
-    AvoidanceParams,
     Body,
     Command,
     DeadReckoning,
-    FeatureParams,
     Grid,
     MatchParams,
     Navigator,
@@ -33,9 +31,7 @@ from ndtorch.navigation import (
 from ndtorch.navigation.body import SPOT_RADIUS, match_params, proximity_params, rig_in_units, search_params
 from ndtorch.navigation.controllers import controller_names
 from ndtorch.navigation.controllers.ranging import RangingControl
-from ndtorch.navigation.controllers.ranging.floor_view import FloorParams
 from ndtorch.navigation.controllers.ranging.spin import turn_on_spot
-from ndtorch.navigation.local_grid.grid import LocalGridParams
 from ndtorch.navigation.odometry import to_world
 from ndtorch.navigation.options import OPTION_NAMES, options_of
 from ndtorch.navigation.proximity.stereo_match import NOWHERE, Obstacles, ProximityScan
@@ -201,26 +197,6 @@ def test_every_parameter_has_a_whole_sentence_of_its_own(kind: type) -> None:
     assert sorted(words) == sorted(names)
     bad = [n for n, text in words.items() if not (text[0].isupper() and text.split(" Raises")[0].endswith("."))]
     assert bad == []
-
-
-@pytest.mark.parametrize(
-    ("kind", "before", "now"),
-    [
-        (RangingParams, "speed", "speed_m_per_s"),
-        (FloorParams, "near", "near_m"),
-        (LocalGridParams, "cell", "cell_m"),
-        (AvoidanceParams, "turn_time", "turn_s"),
-        (SearchParams, "ratio", "uniqueness_ratio"),
-        (FeatureParams, "follow", "follow_reach_px"),
-        (MatchParams, "min_disparity", "min_disparity_px"),
-        (Body, "length", "length_m"),
-    ],
-)
-def test_earlier_and_misspelt_names_answer(kind: type, before: str, now: str) -> None:
-    with pytest.raises(InputError, match=f"{before} of {kind.__name__} is now {now}"):
-        kind(**{before: 1.0})
-    with pytest.raises(InputError, match=f"has no {now}x; did you mean {now}"):
-        kind(**{f"{now}x": 1.0})
 
 
 STANDARD = StereoRig()

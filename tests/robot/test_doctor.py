@@ -182,16 +182,6 @@ def test_a_file_says_what_the_usual_robot_is() -> None:
     limits = RobotTable().safety_limits()
     assert (limits.speed, limits.curvature) == (pytest.approx(0.6), pytest.approx(1 / 0.45))
     assert CarLimits.of(Body()) == CarLimits()
-    with pytest.raises(InputError, match=r"camera_height_m is now camera_height_m of \[body\]"):
-        read_toml_of('robot = "x"\n[rig]\ncamera_height_m = 0.2\n')
-
-
-def read_toml_of(text: str) -> RunConfig:
-    import tomllib
-
-    from ndtorch.utils.toml import check
-
-    return check(tomllib.loads(text), RunConfig, "text")
 
 
 def test_options_of_the_file_lie_below_those_that_are_given() -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor
 
-from ndtorch.arguments import check_dense, check_state, check_values, returned
+from ndtorch.arguments import check_dense, check_state
 from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, states_of
 from ndtorch.binding.models.scale_free import RuleConstants
@@ -54,16 +54,12 @@ class FieldNormalise(Constants):
 class SharedNetwork(RuleConstants):
     """One scale-free network shared by all fields. Its clock stops while nothing happens."""
 
-    old_keys: ClassVar = {"quiet": "min_fluctuation"}
-
     learn: bool = constant(True, "The weights stay zero if this is false.")
     min_fluctuation: float = constant(0.05, "Fluctuations below this change nothing.", ge=0)
 
 
 class ForegroundConfig(ModelConfig):
     """Constants of the model."""
-
-    old_keys: ClassVar = {"fastest": "max_fps", "ground": "background", "fields": "features", "shades": "colors"}
 
     model: Literal["foreground"] = constant("foreground", "kind of the model")
     size: Size = constant((224, 398), "height and width of the frames, pixels")
@@ -228,7 +224,6 @@ class ForegroundModel(BindingModel):
         if frames.requires_grad and torch.is_grad_enabled():
             raise InputError("foreground has no gradients: detach the frames")
         check_state(state, ForegroundState)
-        check_values("state", state)
         state = self._start() if state is None else state
         work, ended = None if state.scene is None else self._resume(state.scene), list[Track]()
         waiting, counted, time = state.waiting, int(state.frames), float(state.time)
@@ -268,7 +263,7 @@ class ForegroundModel(BindingModel):
         numbers = torch.from_numpy(np.stack(labels) if labels else none)
         masks = torch.from_numpy(np.stack([step.mask for step in steps])) if steps else numbers.to(torch.uint8)
         at, cuts = torch.tensor(times, dtype=torch.float64), torch.tensor([step.cut for step in steps]).bool()
-        return ForegroundSignals(inputs, outputs, numbers, masks, at, cuts), returned(after)
+        return ForegroundSignals(inputs, outputs, numbers, masks, at, cuts), after
 
     def _start(self) -> ForegroundState:
         """The state before the first frame."""

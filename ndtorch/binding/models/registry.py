@@ -12,24 +12,14 @@ from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
-from ndtorch.config import old_keys, option_places, validated, with_options
+from ndtorch.config import option_places, validated, with_options
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import suggestion, toml_values
-from ndtorch.vision.features import FUSED
 
 KINDS: dict[str, type[BindingModel]] = {
     kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, ForegroundModel)
 }
 """Put a kind of your own in to load folders whose config.toml names it."""
-
-REMOVED = {"video": "foreground"}
-"""Kinds that are no more, and which does their job."""
-
-RENAMED = {"figures": "foreground"}
-"""Kinds under the names of version 0.2.0."""
-
-GONE = {"fused": FUSED}
-"""Options of version 0.1 that are no more, and why."""
 
 
 def load_folder(path: str | Path, options: Mapping[str, Any]) -> BindingModel:
@@ -52,7 +42,7 @@ def load_folder(path: str | Path, options: Mapping[str, Any]) -> BindingModel:
     known = option_places(kind.config_type)
     rule = rest.pop("rule") if "rule" in known and not isinstance(rest.get("rule", ""), str) else None
     for option in rest:
-        if option not in known and option not in old_keys(kind.config_type):
+        if option not in known:
             raise InputError(unknown(option, name, list(known)))
     config = with_options(validated(kind.config_type, data | {"model": name}, str(where)), rest)
     if kind.trained:
@@ -69,18 +59,10 @@ def kind_of(folder: Path) -> str:
         raise InputError(f"{folder} is not a model folder")
     where = folder / "config.toml"
     name = toml_values(where).get("model")
-    if name in REMOVED:
-        raise InputError(f"{where}: {removed(str(name))}")
-    name = RENAMED.get(str(name), name)
     if name not in KINDS:
         given = "no key 'model'" if name is None else f"model = {name!r}"
         raise InputError(f"{where}: {given}; model must be one of {', '.join(KINDS)}")
     return str(name)
-
-
-def removed(name: str) -> str:
-    """The error of a kind that is no more."""
-    return f"the model {name} is gone; {REMOVED[name]} does its job"
 
 
 def having(option: str) -> str:
@@ -92,8 +74,6 @@ def having(option: str) -> str:
 
 def unknown(option: str, name: str, known: list[str]) -> str:
     """The error of an option that a kind does not have."""
-    if option in GONE:
-        return f"options: {option} is gone: {GONE[option]}"
     others = having(option)
     if others:
         return f"{name} has no option {option}; {others} {'has' if ',' not in others else 'have'} it"

@@ -9,7 +9,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from ndtorch.arguments import check_state, check_tensor, check_values, returned
+from ndtorch.arguments import check_state, check_tensor
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.normalise import BindingInputs, InputState, Order
@@ -140,7 +140,7 @@ class WholeFieldModel(BindingModel):
             raise InputError("state comes from from_sums and has no motion filters: go on with from_sums")
         sums, motion = self.features(frames_in(frames, self.dtype), motion)
         signals, state = self.from_sums(sums, state)
-        return signals, returned(state._replace(motion=motion))
+        return signals, state._replace(motion=motion)
 
     def from_sums(self, sums: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
         """The model from the ten spatial sums on, `[..., T, 10]`, one row a frame.
@@ -148,7 +148,6 @@ class WholeFieldModel(BindingModel):
         For sums that were stored or superposed: many trials of many scenes make one batch.
         """
         check_state(state, BindingState)
-        check_values("state", state)
         if state is not None:
             self.check_own(state)
         check_tensor("sums", sums, half=False)
@@ -167,7 +166,7 @@ class WholeFieldModel(BindingModel):
         time = (torch.arange(steps, dtype=torch.float64) + (second.steps - steps)) * self.dt
         signals = BindingSignals(sums, inputs, refined, outputs, scale, time)
         motion = state.motion if state is not None else None
-        return signals, returned(BindingState(motion, resample, input_state, first, second))
+        return signals, BindingState(motion, resample, input_state, first, second)
 
     def verdict(self, state: BindingState) -> Nested:
         static = fluctuating_groups(state.inputs, self.config.normalise.floor) < 2

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_kind, check_numbers, check_tensor, renamed_fields
+from ndtorch.arguments import check_kind, check_numbers, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers._kernels import (
     AvoidanceState,
@@ -39,16 +39,6 @@ from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState, low_pass_step, smoothing_factor, time_dim
 
 
-@renamed_fields(
-    turn_radius="turn_radius_m",
-    tight_radius="tight_radius_m",
-    turn_time="turn_s",
-    suppression_time="suppression_s",
-    from_start="suppress_from_start",
-    smoothing="smoothing_s",
-    speed="speed_m_per_s",
-    start_time="start_suppression_s",
-)
 @dataclass(frozen=True)
 class AvoidanceParams:
     """Parameters of the published controller [A Methods]; thresholds are in the scaled units of [A fig. 3], raw

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.arguments import check_numbers, renamed_fields
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.local_grid._kernels import POSES, DrivenPath, LocalGrid, cell_index, tags
 from ndtorch.navigation.proximity.stereo_match import ProximityScan
@@ -16,7 +16,6 @@ from ndtorch.navigation.proximity.stereo_match import ProximityScan
 Floats = npt.NDArray[Any]
 
 
-@renamed_fields(cell="cell_m", size="size_cells", lifetime="lifetime_s", most="max_evidence", least="max_free_evidence")
 @dataclass(frozen=True)
 class LocalGridParams:
     """A square of square cells that moves with the car.

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from torch import Tensor, from_numpy
 
-from ndtorch.arguments import check_number, check_state, check_tensor, check_values, returned
+from ndtorch.arguments import check_number, check_state, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.navigation.localisation import pose_filter, relocalisation, submap, wheel_odometry
 from ndtorch.navigation.localisation._kernels import Cells
@@ -98,7 +98,6 @@ class Localiser:
 
     def __call__(self, rows: Tensor | None, reckoned: Pose, state: LocaliserState | None = None) -> LocaliserState:
         check_state(state, LocaliserState)
-        check_values("state", state)
         if np.ndim(reckoned.x) or (rows is not None and rows.ndim != 2):
             raise InputError(f"localise knows one car at a time, got poses {np.shape(reckoned.x)}")
         pose, due = as_array(reckoned), self.due(state)
@@ -120,7 +119,7 @@ class Localiser:
                 state = self.close_loops(state, state.graph)
             for _ in range(math.ceil(REPLAY_SPEED / self.every)):
                 state = state if state.log is None else self.replay(state, state.log)
-        return returned(state._replace(age=state.age + 1))
+        return state._replace(age=state.age + 1)
 
     def start(self, pose: Floats) -> LocaliserState:
         """The state of a car at a pose that has mapped nothing yet."""

@@ -15,8 +15,6 @@ from ndtorch.arguments import (
     check_numbers,
     check_state,
     check_tensor,
-    check_values,
-    returned,
     surely_finite,
 )
 from ndtorch.errors import InputError
@@ -208,7 +206,6 @@ class GridMap(nn.Module):
         """The state after ranges `[..., T, n]` seen from poses `[..., T]`; or after those of one frame, arrays `[n]`,
         seen from a pose of numbers."""
         check_state(state, GridMapState)
-        check_values("state", state)
         if all(isinstance(part, np.ndarray) for part in ranges):
             if self.certainty == "beams" and kernels_wanted():
                 return self.add_frame(ranges, pose, state)
@@ -224,13 +221,13 @@ class GridMap(nn.Module):
             x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
             number = self.numbers(*to_world(pose, x, y))
             tiles = add_at(tiles, number.flatten(-3), (weight * (1 / self.grid.cell**2)).flatten(-3))
-            return returned(GridMapState(tiles, state and state.log))
+            return GridMapState(tiles, state and state.log)
         x, y, change = self.sight(ranges)
         number = self.numbers(*to_world(pose, x, y))
         for t in range(number.shape[-3]):  # frame by frame, because no frame may take a cell over the limit
             at, now = number[..., t, :, :].flatten(-2), change[..., t, :, :].flatten(-2)
             tiles = add_at(tiles, at, now, self.odds.limit)
-        return returned(GridMapState(tiles, state and state.log))
+        return GridMapState(tiles, state and state.log)
 
     def warm_up(self) -> None:
         """Compile or load the kernels."""
@@ -248,7 +245,7 @@ class GridMap(nn.Module):
         count = beam_cells(rays, tuple(pose), self.tables, self.map_numbers, number, weight)
         if count < 0:
             raise InputError("ranges and pose must be finite, got NaN or infinite values")
-        return returned(GridMapState(add_by_kernel(tiles, number[:count], weight[:count]), state and state.log))
+        return GridMapState(add_by_kernel(tiles, number[:count], weight[:count]), state and state.log)
 
     def numbers(self, x: Tensor, y: Tensor) -> Tensor:
         """Indices of the cells that hold points of the world, for `add_at`."""

@@ -11,7 +11,6 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import returned
 from ndtorch.navigation.localisation.state import LocaliserState, frame_pose, lasting_frame, map_frames
 from ndtorch.navigation.mapping.grid_map import GridMap, GridMapState
 from ndtorch.navigation.mapping.range_log import Frames, RangeLog, add_ranges, empty_log, in_world, repetitions
@@ -35,7 +34,7 @@ def log_ranges(state: GridMapState, ranges: Ranges, located: LocaliserState) -> 
     if at is None:
         return state
     log = empty_log() if state.log is None else state.log
-    return returned(state._replace(log=add_ranges(log, at, ranges, partial(lasting_frame, located))))
+    return state._replace(log=add_ranges(log, at, ranges, partial(lasting_frame, located)))
 
 
 def render(grid_map: GridMap, log: RangeLog, frames: Frames) -> Tensor:

@@ -9,12 +9,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers, renamed_fields
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo.features import Features, patch_error
 
 
-@renamed_fields(min_disparity="min_disparity_px", max_disparity="max_disparity_px")
 @dataclass(frozen=True)
 class MatchParams:
     """How features are matched. [A Methods]

@@ -8,11 +8,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers, renamed_fields
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 
 
-@renamed_fields(spacing="spacing_px", edge_reach="edge_reach_px", follow="follow_reach_px", ahead="ahead_count")
 @dataclass(frozen=True)
 class FeatureParams:
     """What makes a feature. [A Methods]

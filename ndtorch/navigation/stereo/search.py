@@ -19,24 +19,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers, renamed_fields
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo._kernels_search import SearchNumbers, find_places
 from ndtorch.navigation.stereo.correspondence import Matches
 
 
-@renamed_fields(
-    half="half_width_px",
-    level="mean_half_width_px",
-    min_disparity="min_disparity_px",
-    max_disparity="max_disparity_px",
-    ratio="uniqueness_ratio",
-    max_difference="max_difference_ratio",
-    min_step="min_step_ratio",
-    agree="agreement_ratio",
-    spacing="spacing_px",
-    ahead="ahead_count",
-)
 @dataclass(frozen=True)
 class SearchParams:
     """How the right row is searched.

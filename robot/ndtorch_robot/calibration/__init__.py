@@ -1,6 +1,5 @@
 """Two cameras measured with a chessboard, and their images made parallel."""
 
-from ndtorch.utils.public_calls import explain_calls
 from ndtorch_robot.calibration.board import Board, View, find_corners, find_view, find_views, folder_pairs
 from ndtorch_robot.calibration.model import Calibration, Lens, Quality, read_calibration, write_calibration
 from ndtorch_robot.calibration.rectify import Rectifier
@@ -23,5 +22,3 @@ __all__ = [
     "read_calibration",
     "write_calibration",
 ]
-
-explain_calls(__name__, __all__)

@@ -1,6 +1,5 @@
 """Two USB cameras, or files and streams in their place: opening, reading in threads, pairing by time."""
 
-from ndtorch.utils.public_calls import explain_calls
 from ndtorch_robot.cameras.pair import CamerasSilent, FramesEnded, StereoCameras, open_cameras
 from ndtorch_robot.cameras.pairing import Frame, Pair, Pairing, PairStatistics
 from ndtorch_robot.cameras.source import CameraSettings, Capture, camera_source, find_source, open_capture
@@ -23,5 +22,3 @@ __all__ = [
     "open_cameras",
     "open_capture",
 ]
-
-explain_calls(__name__, __all__)

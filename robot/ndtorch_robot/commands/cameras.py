@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import tyro
 
@@ -39,12 +39,6 @@ class Cameras:
     """The two frames of a pair differ in time by at most this, in ms."""
     json: bool = False
     """The result is printed as one JSON object, and nothing else is."""
-
-    renamed: ClassVar[dict[str, str]] = {
-        "--rate": "--fps",
-        "--exposure": "--exposure-ms",
-        "--tolerance": "--tolerance-ms",
-    }
 
     def run(self) -> int:
         if (self.left is None) != (self.right is None):

@@ -7,7 +7,7 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -27,9 +27,6 @@ class Run:
     The car stands until the key g is pressed (or SIGUSR1 comes); any other key is an emergency stop. SIGINT and
     SIGTERM stop the car and end the program.
     """
-
-    renamed: ClassVar[dict[str, str]] = {"--stress": "--disturbance"}
-    gone: ClassVar[dict[str, str]] = {"--record-format": "recordings hold what the navigator reads, lossless"}
 
     config: Annotated[Path, tyro.conf.Positional]
     """This TOML file describes the car, or one that is included: maxstone8, or sim for one without hardware."""

@@ -1,6 +1,5 @@
 """The drive link: frames over a serial line to the board that steers and drives; see docs/robot/protocol.md."""
 
-from ndtorch.utils.public_calls import explain_calls
 from ndtorch_robot.link.messages import VERSION, Fault, Frame, Telemetry, Type
 from ndtorch_robot.link.receiver import Parser
 from ndtorch_robot.link.registry import MovesWorld, Opening, check_link, link, open_link
@@ -20,5 +19,3 @@ __all__ = [
     "link",
     "open_link",
 ]
-
-explain_calls(__name__, __all__)

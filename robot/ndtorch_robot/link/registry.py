@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 
 SERIAL, HOSTED_BOARD, SIMULATED_WORLD = "serial", "hosted-board", "simulated-world"
 
-GONE = {"simulated-board": f"use {HOSTED_BOARD!r}, which runs the same firmware"}
-"""Kinds of version 0.2, and what took their place."""
-
 
 @runtime_checkable
 class MovesWorld(Protocol):
@@ -48,7 +45,7 @@ class Opening:
     simulation: Simulation | None = None
 
 
-LINKS: Kinds[Opening, Drive] = Kinds("link", __package__, GONE)
+LINKS: Kinds[Opening, Drive] = Kinds("link", __package__)
 KINDS = LINKS.known
 link = LINKS.register
 

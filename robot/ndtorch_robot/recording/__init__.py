@@ -1,6 +1,5 @@
 """Recording a drive, and driving the recording again; the format is in docs/file-formats.md."""
 
-from ndtorch.utils.public_calls import explain_calls
 from ndtorch_robot.recording.reading import Recording, open_recording
 from ndtorch_robot.recording.recorder import Recorder
 from ndtorch_robot.recording.replay import Comparison, make_runner, replay
@@ -13,5 +12,3 @@ __all__ = [
     "open_recording",
     "replay",
 ]
-
-explain_calls(__name__, __all__)

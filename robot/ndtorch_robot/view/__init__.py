@@ -1,6 +1,5 @@
 """A car in the rerun viewer, as it drives, from a recording, or into a file. Only this folder knows rerun."""
 
-from ndtorch.utils.public_calls import explain_calls
 from ndtorch_robot.view.car_view import CarView, Seen, layout, plan_bounds
 from ndtorch_robot.view.observer import Background, ViewSteps, start_view
 from ndtorch_robot.view.stream import Where, open_stream
@@ -16,5 +15,3 @@ __all__ = [
     "plan_bounds",
     "start_view",
 ]
-
-explain_calls(__name__, __all__)

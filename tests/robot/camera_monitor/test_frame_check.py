@@ -13,7 +13,7 @@ from ndtorch.utils.toml import check as check_values
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.run_config import CameraMonitorTable, RunConfig
+from ndtorch_robot.run_config import CameraMonitorTable
 from ndtorch_robot.safety import SafeDrive
 from tests.robot.support.cars import PlainDrive, SimulatedClock
 
@@ -291,10 +291,6 @@ def test_the_table_of_a_car_says_what_the_defaults_say():
     assert CameraMonitorTable().model_dump() == CameraLimits().model_dump()
     with pytest.raises(InputError, match="row_contrast_levels"):
         check_values({"row_contrast_levels": float("nan")}, CameraMonitorTable, "car.toml")
-    with pytest.raises(InputError, match="row_relative is now row_contrast_ratio"):
-        check_values({"row_relative": 0.1}, CameraMonitorTable, "car.toml")
-    with pytest.raises(InputError, match="sight is now camera_monitor"):
-        check_values({"robot": "a", "sight": {}}, RunConfig, "car.toml")
 
 
 SLOW = 0.18

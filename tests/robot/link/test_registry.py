@@ -124,7 +124,6 @@ def test_the_simulated_world_is_a_link(tmp_path):
     ("text", "message"),
     [
         ('[link]\nkind = "can"', "no link of the kind 'can', known are .*hosted-board, .*serial, simulated-world"),
-        ('[link]\nkind = "simulated-board"', "'simulated-board' is gone: use 'hosted-board'"),
         ('[link]\nkind = "serial"\nbaud = 500', "device"),
         ('[link]\ndevice = "/dev/x"\nbaud = 5', "baud = 5: should be greater"),
         ('[link]\ndevice = "/dev/x"\nbauds = 9600', "unknown key 'bauds'; did you mean baud?"),

@@ -73,16 +73,6 @@ class Scenes(Seeded):
     seconds: tuple[float, ...] = (15.0, 60.0)
     """When to score: seconds after the 4 s that filters get to settle."""
 
-    gone: ClassVar[Mapping[str, str]] = {
-        "--rules": "it is called --methods now",
-        "--stress": "use --sets alike, or ndtorch benchmark hard",
-        "--hard": "use ndtorch benchmark hard",
-        "--bars": "use --sets bars",
-        "--rendered": "use --sets rendered --scenes N",
-        "--retinotopic": "use --methods retinotopic --sets random alike --scenes N",
-        "--retinotopic-rendered": "use --methods retinotopic --sets textured --scenes N",
-    }
-
     def benchmark(self) -> Benchmark:
         """The scenes of bars."""
         from ndtorch_train.benchmark.scenes import scene_benchmark
@@ -98,8 +88,6 @@ class Hard(Seeded):
     """Methods to compare, as those of `ndtorch benchmark scenes`."""
     scenes: int = 48
     """Number of scenes of each set."""
-
-    gone: ClassVar[Mapping[str, str]] = {"--rules": "it is called --methods now"}
 
     def benchmark(self) -> Benchmark:
         """The hard sets."""
@@ -163,14 +151,6 @@ class Foreground(Seeded):
     """Also use generated dishes with 2, 5 and 12 insects of 8 to 30 pixels."""
     ablate: bool = False
     """Switch off one rule of the model foreground at a time instead, over the folder and those clips."""
-
-    gone: ClassVar[Mapping[str, str]] = {
-        "--labelled": "name the folder without a flag",
-        "--empty": "it is called --negative now",
-        "--empty-seconds": "it is called --negative-seconds now",
-        "--video": "use --generated N",
-        "--clips": "use --generated N",
-    }
 
     def benchmark(self) -> Benchmark:
         """The clips."""

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers, renamed_fields
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.ranging._kernels_floor import ViewNumbers
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
@@ -18,22 +18,6 @@ from ndtorch.vision.nondirectional import SPEED_SCALE
 from ndtorch.vision.temporal import smoothing_factor
 
 
-@renamed_fields(
-    near="near_m",
-    far="far_m",
-    inner="inner_rad",
-    outer="outer_rad",
-    tolerance="tolerance_ratio",
-    saturation="saturation_px",
-    standing_time="standing_s",
-    learning_time="learning_s",
-    adaptation="adaptation_s",
-    clear="min_signal_ratio",
-    alike="min_correlation",
-    texture="min_texture_ratio",
-    standing="min_upright_bands",
-    trusted="min_agreement_ratio",
-)
 @dataclass(frozen=True)
 class FloorParams:
     """The patches of floor that are seen, and what floor looks like in them.

@@ -4,31 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from ndtorch.arguments import check_numbers, renamed_fields
+from ndtorch.arguments import check_numbers
 from ndtorch.navigation.body import Body
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams
 from ndtorch.navigation.local_grid.grid import LocalGridParams
 
 
-@renamed_fields(
-    speed="speed_m_per_s",
-    tight_speed="tight_speed_m_per_s",
-    reverse_speed="reverse_speed_m_per_s",
-    turn_radius="turn_radius_m",
-    tight_radius="tight_radius_m",
-    turn_time="min_turn_s",
-    reverse_length="reverse_m",
-    room="reverse_until_free_m",
-    known_share="known_ratio",
-    floor_weight="floor_evidence",
-    hidden_weight="hidden_evidence",
-    range_weight="range_evidence",
-    search_weight="search_evidence",
-    blocked="blocked_evidence",
-    start_needs="start_free_m",
-    least_noise="min_noise_output",
-    fading="boxed_in_memory_s",
-)
 @dataclass(frozen=True)
 class RangingParams:
     """Parameters of the ranging controller.

@@ -95,41 +95,6 @@ class Disturbance(Strict):
         return Effect()
 
 
-RENAMED = {
-    "noise": "noise_sigma",
-    "exposure": "exposure_ratio",
-    "flicker": "flicker_ratio",
-    "dark": "darkness_ratio",
-    "blur": "shutter_s",
-    "rolling": "readout_s",
-    "pitch": "pitch_deg",
-    "roll": "roll_deg",
-    "yaw": "yaw_deg",
-    "turned": "right_yaw_deg",
-    "baseline": "baseline_error_ratio",
-    "focal": "focal_error_ratio",
-    "drop": "lost_ratio",
-    "repeat": "repeated_ratio",
-    "late": "latency_s",
-    "rate": "fps",
-    "delay": "delay_s",
-    "slack": "backlash_per_m",
-    "scale": "odometry_scale_ratio",
-    "bend": "curvature_bias_per_m",
-    "slip": "slip_ratio",
-}
-"""Keys of version 0.2."""
-
-RENAMED_PRESETS = {
-    "turned": "right-yaw",
-    "dropped": "lost",
-    "late": "latency",
-    "slack": "backlash",
-    "odometry-bend": "curvature-bias",
-}
-"""Presets of version 0.2."""
-
-
 @cache
 def disturbances() -> tuple[type[Disturbance], ...]:
     """All kinds of disturbances: the subclasses of `Disturbance` in this folder and those defined before this call."""
@@ -181,8 +146,6 @@ def read_disturbances(text: str) -> Disturbances:
     values: dict[type[Disturbance], dict[str, Any]] = {kind: {} for kind in disturbances()}
     for key, number in pairs(text):
         if key not in owners:
-            if key in RENAMED:
-                raise InputError(f"the key {key} of a disturbance is called {RENAMED[key]} now")
             raise InputError(
                 f"no key {key!r} of a disturbance, known are {', '.join(owners)}{did_you_mean(key, owners)}"
             )
@@ -200,8 +163,6 @@ def pairs(text: str) -> list[tuple[str, str]]:
             continue
         key, equals, number = part.partition("=")
         if not equals:
-            if part in RENAMED_PRESETS:
-                raise InputError(f"the disturbance {part!r} is called {RENAMED_PRESETS[part]!r} now")
             raise InputError(f"no disturbance {part!r}, choose one of {', '.join(known)}, or KEY=NUMBER")
         found.append((key.strip(), number.strip()))
     return found
