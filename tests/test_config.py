@@ -132,7 +132,6 @@ ENDINGS = (
 """Units at the end of a key, as files about hardware have them."""
 
 WITHOUT = {
-    "camera_monitor": "static_correlation chance_correlation min_turns",
     "simulation": "seed",
     "cameras": "gain",
     "left": "distortion",

@@ -72,8 +72,6 @@ class Car:
         """Step until `ended` is set, the time is over, or the steps are used up; the number of steps."""
         if warm_up:
             self.runner.warm_up()
-            if self.safe.frame_check is not None:
-                self.safe.frame_check.monitor.warm_up()
         if self.go is not None:
             self.safe.fault(NOT_YET, FaultKind.NOT_STARTED)
         end = None if seconds is None else self.loop.clock.now() + seconds

@@ -181,7 +181,6 @@ def preparations() -> Iterator[tuple[str, Callable[[], object]]]:
     import ndtorch
     from ndtorch.navigation import Grid, StereoRig, controller_names
     from ndtorch.navigation.options import NavigatorOptions
-    from ndtorch_robot.camera_monitor.frame_check import FrameCheck
     from ndtorch_robot.navigator_runner import NavigatorRunner
 
     rig, grid = StereoRig(), Grid(-5.0, 5.0, -5.0, 5.0)
@@ -189,7 +188,6 @@ def preparations() -> Iterator[tuple[str, Callable[[], object]]]:
         for stereo in ("features", "search"):
             options = NavigatorOptions(name, stereo=stereo, localise=stereo == "search")
             yield f"{name}, {stereo}", NavigatorRunner(options, rig, 30.0, grid).warm_up
-    yield "camera monitor", FrameCheck(rig, 30.0, 0.1, floor=NavigatorOptions().fields(rig)).monitor.warm_up
     frames = torch.zeros(12, 3, 48, 64, dtype=torch.uint8)
     for n, frame in enumerate(frames):
         frame[:, 16:32, 4 * n : 4 * n + 16] = 200

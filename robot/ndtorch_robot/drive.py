@@ -18,9 +18,7 @@ from ndtorch.navigation import STOPPED, Grid
 from ndtorch.navigation.body import match_params
 from ndtorch.navigation.controllers import Trace
 from ndtorch.navigation.options import place_of
-from ndtorch_robot.camera_monitor.frame_check import FrameCheck
-from ndtorch_robot.camera_monitor.limits import CameraLimits
-from ndtorch_robot.camera_monitor.monitor import PATIENCE
+from ndtorch_robot.camera_monitor import CameraLimits, CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.metrics import MapScore, collision_summary, coverage, gates_passed, score_map
@@ -108,16 +106,8 @@ def drive(
             body=config.body,
         )
         stack.callback(simulation.close)
-        frame_check = FrameCheck(
-            simulation.rig,
-            rate,
-            config.limits.age,
-            PATIENCE,
-            joint_freeze=False,
-            limits=BLANK if config.walls == "blank" else DRAWN,
-            floor=runner.fields,
-            unit=config.body.unit_m,
-        )
+        camera_limits = BLANK if config.walls == "blank" else DRAWN
+        frame_check = CameraMonitor(simulation.rig, rate, config.limits.age, camera_limits, rendered=True)
         steps = max(1, round(config.seconds * rate))
         safe = SafeDrive(simulation, simulation, config.limits, frame_check)
         car = Car(runner, simulation, safe, steer=steer, max_steps=steps)

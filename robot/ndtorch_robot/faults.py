@@ -5,8 +5,6 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-from ndtorch.errors import InputError
-
 
 class FaultKind(Enum):
     """Kind of a fault.
@@ -14,8 +12,8 @@ class FaultKind(Enum):
     Attributes:
         words: description.
         auto_recover: the car drives on by itself once all has been well for long enough. Otherwise a person must
-            resume it: a stationary car cannot see whether a frozen image moves again, swapped cameras do not swap
-            back, and what a person or the drive has stopped is theirs to start.
+            resume it: a stationary car cannot see whether a frozen image moves again, and
+            what a person or the drive has stopped is theirs to start.
     """
 
     MISSING = "a camera gives no frame", True
@@ -25,11 +23,8 @@ class FaultKind(Enum):
     SHAPE = "the frames are of a wrong size or type", True
     BLACK = "a camera sees black", True
     BLANK = "a camera shows nothing", True
-    NOISE = "a camera shows noise", True
-    BLURRED = "a camera is blurred", True
+    UNEQUAL = "the cameras are lit unequally", True
     FROZEN = "a camera gives the same image", False
-    MOVED_WHILE_STOPPED = "the images move although the wheels stand", True
-    MOUNTING = "the cameras are swapped, upside down or turned", False
     SILENCE = "a step took too long", True
     LIMITS = "a command is out of limits", True
     COMMAND = "a command is not finite", False
@@ -46,18 +41,6 @@ class Fault(NamedTuple):
 
     kind: FaultKind
     message: str
-
-
-class CameraError(InputError):
-    """Frames cannot be trusted.
-
-    Attributes:
-        kind: of the fault.
-    """
-
-    def __init__(self, kind: FaultKind, message: str) -> None:
-        super().__init__(message)
-        self.kind = kind
 
 
 class Stop(NamedTuple):

@@ -15,7 +15,7 @@ from ndtorch.navigation import Body, Grid, StereoRig
 from ndtorch.navigation.controllers import controller_class
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.utils.toml import check
-from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.link.registry import SIMULATED_WORLD, MovesWorld, Opening, open_link
 from ndtorch_robot.loop import CameraClock
@@ -63,8 +63,7 @@ def make_car(
     grid = Grid(-half, half, -half, half) if half else None
     options = within_limits(config.navigation.options(), limits, body)
     runner = NavigatorRunner(options, rig, config.rate_hz, grid, near_check, body)
-    monitor, floor = config.camera_monitor, runner.fields
-    check = FrameCheck(rig, config.rate_hz, limits.age, limits=monitor, floor=floor, unit=body.unit_m)
+    check = CameraMonitor(rig, config.rate_hz, limits.age, config.camera_monitor)
     safe = SafeDrive(drive, clock, limits, check, report)
     return Car(runner, cameras, safe, observers=observers, go=go)
 

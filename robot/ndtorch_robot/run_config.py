@@ -13,7 +13,7 @@ from ndtorch.navigation import Body, StereoRig
 from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import Strict, read_toml
 from ndtorch_robot.bridges.registry import BRIDGES
-from ndtorch_robot.camera_monitor.limits import CameraLimits
+from ndtorch_robot.camera_monitor import CameraLimits
 from ndtorch_robot.link.registry import HOSTED_BOARD, SERIAL, check_link
 from ndtorch_robot.navigator_table import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
@@ -141,14 +141,6 @@ class RobotTable(Strict):
         return SafetyLimits(limits.speed if speed is None else speed, limits.curvature, silence=late, age=late)
 
 
-class CameraMonitorTable(CameraLimits):
-    """`[camera_monitor]` of a car, which must stop soon."""
-
-    patience_s: float = Field(
-        0.25, ge=0.05, le=0.4, description="Images must look wrong for this time, in s, before the car stops."
-    )
-
-
 class NavigationTable(NavigatorTable):
     """`[navigation]`: this key beside the options of `NavigatorOptions`."""
 
@@ -182,7 +174,7 @@ class RunConfig(RobotTable):
     bridges: Mapping[str, Mapping[str, str | int | float | bool]] = Field(
         default_factory=dict, description="Bridges of these kinds run beside the loop, each with the keys of its kind."
     )
-    camera_monitor: CameraMonitorTable = CameraMonitorTable()
+    camera_monitor: CameraLimits = CameraLimits()
     navigation: NavigationTable = NavigationTable()
     cameras: dict[str, str | int | float] | None = None
     simulation: SimulationTable | None = None

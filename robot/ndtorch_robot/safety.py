@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
-from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.faults import FaultKind, Stop
 from ndtorch_robot.ports import _SEAL, STAND, Clock, Drive, DriveCommand, Report, SafeCommand, StereoFrames
 
@@ -79,7 +79,7 @@ class SafeDrive:
         drive: Drive,
         clock: Clock,
         limits: SafetyLimits | None = None,
-        frame_check: FrameCheck | None = None,
+        frame_check: CameraMonitor | None = None,
         report: Report | None = None,
     ) -> None:
         self.drive, self.clock, self.limits, self.frame_check = drive, clock, limits or SafetyLimits(), frame_check
@@ -105,7 +105,7 @@ class SafeDrive:
             speed, curvature: of the car since the last ones, m/s and 1/m.
         """
         assert self.frame_check is not None
-        fault = self.frame_check.judge(frames, speed, self.clock.now(), curvature, self.sent.speed)
+        fault = self.frame_check.judge(frames, speed, self.clock.now())
         if fault is not None:
             self.blind(fault.message, fault.kind)
             return False
@@ -199,7 +199,7 @@ class SafeDrive:
             return False
         was, self.standing, self.kind, self.auto_recover = self.standing, None, None, True
         if self.frame_check is not None:
-            self.frame_check.monitor.reset()
+            self.frame_check.reset()
         self.well_since, self.sent = math.inf, STAND
         self.report(f"resumed after: {was}")
         return True

@@ -22,7 +22,7 @@ from ndtorch.navigation import ARRIVED
 from ndtorch.navigation.localisation import LocaliserState
 from ndtorch.navigation.localisation.compact_map import compact_map, expand_map
 from ndtorch.navigation.localisation.ndt import to_sparse
-from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig, load_config
 from ndtorch_robot.drive import DRAWN
@@ -59,9 +59,7 @@ class Leg:
 
     def drive(self, config: DriveConfig, seconds: float, observers: list[Callable[[Step], None]]) -> None:
         runner, simulation = self.runner, self.simulation
-        check = FrameCheck(
-            simulation.rig, config.rate, config.limits.age, joint_freeze=False, limits=DRAWN, floor=runner.fields
-        )
+        check = CameraMonitor(simulation.rig, config.rate, config.limits.age, DRAWN, rendered=True)
         car = Car(runner, simulation, SafeDrive(simulation, simulation, config.limits, check))
         self.at = simulation.pose[:2]
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Rect, Strips
+from ndtorch.navigation import Strips
 from ndtorch_robot.ports import StereoFrames
-from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.stepped_world import SteppedWorld
 
 Levels = npt.NDArray[np.float64]
@@ -23,9 +21,6 @@ NOISE = 1.0
 
 POOL = 1 << 20
 """Noise values that are drawn once; each frame begins at a random place in them, which halves the time of a run."""
-
-BLUR = 14
-"""Standard deviation of the blur, pixels."""
 
 PERIOD = 1 / 30
 """Seconds between two frames."""
@@ -60,7 +55,7 @@ class FaultyCameras:
     def inject(self, fault: str) -> None:
         """Begin a fault, of the left, the right or both cameras."""
         self.fault, self.reads, self.held = fault, 0, self.recent[-1]
-        self.sides = ((0,), (1,), (0, 1))[int(self.random.integers(3))]
+        self.sides = ((0,), (1,), (0, 1))[int(self.random.integers(2 if fault == "unequal light" else 3))]
 
     def read(self) -> StereoFrames:
         """The frames of both cameras, with the present fault."""
@@ -74,24 +69,10 @@ class FaultyCameras:
             self.world.wait_until(self.world.now() + PERIOD)
         if self.recent and self.world.now() <= self.recent[-1].time:  # there is no new frame yet
             self.world.wait_until(self.recent[-1].time + PERIOD)
-        cameras = self.world.simulation.cameras
-        strips, cameras.strips = cameras.strips, self.seen_by(cameras)
         frames = self.world.read()
-        cameras.strips = strips
         frames = frames._replace(left=self.with_noise(frames.left), right=self.with_noise(frames.right))
         self.recent.append(frames)
         return frames if self.fault is None else self.corrupted(frames, self.fault)
-
-    def seen_by(self, cameras: Cameras) -> tuple[tuple[Rect, Rect], ...]:
-        """The rectangles that are cut from the images of both cameras, in pixels of each camera."""
-        strips, rig = list(cameras.strips), cameras.rig
-        if self.fault == "swapped":
-            strips.reverse()
-        if self.fault == "one upside down":
-            (top, bottom, left, right), row = strips[self.sides[0]]
-            field = Rect(rig.height - bottom, rig.height - top, rig.width - right, rig.width - left)
-            strips[self.sides[0]] = field, row._replace(top=rig.height - row.bottom, bottom=rig.height - row.top)
-        return tuple(strips)
 
     def corrupted(self, frames: StereoFrames, fault: str) -> StereoFrames:
         held = self.held or frames
@@ -99,22 +80,13 @@ class FaultyCameras:
             return self.recent[0]
         if fault == "both frozen":
             return held._replace(time=frames.time)
-        if fault == "swapped":
-            return frames._replace(left=frames.right, right=frames.left)
         if fault == "one lost frame" or (fault == "one grey frame" and self.reads > 1):
             return frames
         for side in self.sides:
             name = ("left", "right")[side]
             now, before = getattr(frames, name), getattr(held, name)
-            if fault == "frozen":
-                image = before
-            elif fault == "frozen but for noise":
-                image = changed(before, lambda a: a + self.random.integers(-1, 2, a.shape))
-            else:
-                image = changed(now, self.changes()[fault])
+            image = before if fault == "frozen" else changed(now, self.changes()[fault])
             frames = frames._replace(**{name: image})
-            if fault == "one upside down":
-                break
         return frames
 
     def changes(self) -> dict[str, Callable[[Levels], Levels]]:
@@ -127,9 +99,7 @@ class FaultyCameras:
             "one grey frame": lambda a: 128 + random.integers(-1, 2, a.shape).astype(np.float64),
             "fogged": lambda a: 0.1 * a + 0.9 * 190,
             "covered": lambda a: 25 + 35 * np.linspace(0, 1, a.shape[-1]) ** 2 + random.normal(0, 1.5, a.shape),
-            "blurred": lambda a: blurred(a) + random.normal(0, NOISE, a.shape),
-            "noise": lambda a: random.uniform(0, 255, a.shape),
-            "one upside down": lambda a: a[..., ::-1, ::-1],
+            "unequal light": lambda a: a / 5,
         }
 
     def with_noise(self, image: torch.Tensor | Strips) -> Strips:
@@ -153,8 +123,3 @@ def changed(image: torch.Tensor | Strips, change: Callable[[Levels], Levels]) ->
         levels = change(part[0].numpy().astype(np.float64))
         parts.append(torch.from_numpy(np.clip(np.round(levels), 0, 255).astype(np.uint8))[None])
     return Strips(*parts)
-
-
-def blurred(image: Levels) -> Levels:
-    planes = [cv2.GaussianBlur(np.ascontiguousarray(plane), (0, 0), BLUR) for plane in image]
-    return np.stack(planes)

@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.navigation import Strips
-from ndtorch_robot.camera_monitor.image_quality import check_image, measure
-from ndtorch_robot.camera_monitor.limits import CameraLimits
+from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.ports import Step
@@ -55,7 +53,6 @@ class FaultInjector:
         rows: one for each fault, with its `reaction_s`, its `recovered_s` and its `failure`, in words, or None.
         unexplained: stops without a fault.
         blank: stops before a wall without any texture.
-        carried: stops because the images moved, after the car had really been moved.
         lines: messages of the recorders.
     """
 
@@ -74,16 +71,13 @@ class FaultInjector:
         self.rows: list[Row] = []
         self.unexplained: list[str] = []
         self.blank: list[str] = []
-        self.carried: list[str] = []
         self.stopped: list[str] = []
         self.lines: list[str] = []
         self.queue: list[Fault] = []
         self.fault: Fault | None = None
         self.recording: RecordingCheck | None = None
         self.began = self.ends = self.cleared = -math.inf
-        self.last_moving = self.moved_at = -math.inf
-        self.moving_s = self.pulse_time = 0.0
-        self.placed = world.simulation.placed
+        self.last_moving = -math.inf
         self.calm, self.driving = float(self.random.uniform(*CALM_S)), 0.0
         self.stops_seen = self.stops_before = 0
         self.moving_pulses = 0
@@ -93,15 +87,11 @@ class FaultInjector:
         """Measure by the pulses of the board how long the wheels turn."""
         if pulse.name == "motor":
             moving = abs(pulse.width - NEUTRAL_US) > MOVING_US
-            self.moving_s += pulse.time - self.pulse_time if self.world.simulation.car.speed else 0.0
-            self.pulse_time = pulse.time
             self.moving_pulses = self.moving_pulses + 1 if moving else 0
             self.last_moving = pulse.time if moving else self.last_moving
 
     def __call__(self, step: Step) -> None:
         now = self.world.now()
-        if self.world.simulation.placed is not self.placed:
-            self.placed, self.moved_at = self.world.simulation.placed, now
         self.sort_stops()
         if self.recording is not None:
             self.recording(step)
@@ -134,17 +124,14 @@ class FaultInjector:
                 kept = self.stopped if must_drive else self.unexplained
                 if stop.kind is FaultKind.BLANK and self.is_blank():
                     kept = self.blank
-                elif stop.kind is FaultKind.MOVED_WHILE_STOPPED and stop.time < self.moved_at + AFTERMATH_S:
-                    kept = self.carried
                 kept.append(f"{stop.time:.2f} s: {stop.why}")
         self.stops_seen = len(stops)
 
     def is_blank(self) -> bool:
         """Whether good cameras would see nothing but a wall without texture."""
         frames = self.world.read()
-        limits = self.car.safe.frame_check.monitor.limits if self.car.safe.frame_check is not None else CameraLimits()
-        faults = [check_image(measure(image), limits) for image in frames[:2] if isinstance(image, Strips)]
-        return any(each is not None and each.kind is FaultKind.BLANK for each in faults)
+        monitor = CameraMonitor(self.car.runner.rig, self.car.runner.rate, math.inf)
+        return any(monitor.judge_contrast(list(frames[:2])) is not None for _ in range(monitor.patience))
 
     def begin(self, now: float) -> None:
         """Inject the next fault."""
@@ -153,7 +140,7 @@ class FaultInjector:
         self.fault = fault = self.queue.pop()
         self.began = now
         self.ends = now + (1.0 if fault.max_reaction_s is None else fault.max_reaction_s) + EXTRA_S
-        self.stops_before, self.stopped, self.moving_s = len(self.car.safe.faults), [], 0.0
+        self.stops_before, self.stopped = len(self.car.safe.faults), []
         self.calm, self.driving = float(self.random.uniform(*CALM_S)), 0.0
         if fault.part == "camera":
             self.cameras.inject(fault.name)
@@ -170,7 +157,7 @@ class FaultInjector:
         self.cameras.fault = None
         self.link.clear()
         said = [stop.why for stop in self.car.safe.faults[self.stops_before :]]
-        reaction = self.moving_s if fault.only_while_moving else max(0.0, self.last_moving - self.began)
+        reaction = max(0.0, self.last_moving - self.began)
         failure = None
         if fault.max_reaction_s is None:
             failure = f"stopped at {self.stopped[0]}" if self.stopped else None

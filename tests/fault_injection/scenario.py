@@ -60,7 +60,6 @@ def drive_scenario(config: RunConfig, number: int, seconds: float, faults: Seque
             "controller_stops": len(respawn.stops),
             "unexplained": injector.unexplained,
             "blank": injector.blank,
-            "carried": injector.carried,
             "faults": [row for row in injector.rows if "recovered_s" in row],
         }
 

@@ -79,7 +79,6 @@ def summary(scenarios: list[Scenario]) -> dict[str, Any]:
         "failed": sum(row["failure"] is not None for row in rows),
         "unexplained_stops": sum(len(scenario["unexplained"]) for scenario in scenarios),
         "stops_before_blank_walls": sum(len(scenario["blank"]) for scenario in scenarios),
-        "stops_after_respawn": sum(len(scenario["carried"]) for scenario in scenarios),
         "collisions": sum(scenario["collisions"] for scenario in scenarios),
         "megabytes_an_hour": None if growth is None else round(growth, 1),
     }

@@ -103,7 +103,7 @@ def drive(monkeypatch: pytest.MonkeyPatch) -> Closed:
     monkeypatch.setattr("ndtorch_robot.link.open_link", lambda *_: made)
     monkeypatch.setattr("ndtorch_robot.safety.SafeDrive", lambda *_, **__: None)
     monkeypatch.setattr("ndtorch_robot.run.make_simulation", lambda config: None)
-    monkeypatch.setattr(Check, "cameras", lambda *_: (True, True))
+    monkeypatch.setattr(Check, "cameras", lambda *_: True)
     monkeypatch.setattr(Check, "link", lambda *_: True)
     monkeypatch.setattr(Check, "directions", lambda *_: 2)
     monkeypatch.setattr(Check, "emergency", lambda *_: 0)
@@ -113,7 +113,7 @@ def drive(monkeypatch: pytest.MonkeyPatch) -> Closed:
 def test_json_tells_the_points_and_nothing_else(drive: Closed, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "sim", "--yes", "--json"]) == 1
     out, err = capsys.readouterr()
-    right = {"cameras": True, "floor": True, "link": True, "directions": False, "emergency_stop": True}
+    right = {"cameras": True, "link": True, "directions": False, "emergency_stop": True}
     assert json.loads(out) == right | {"not_right": 2}
     assert "Are all wheels off the ground? yes" in err
     assert drive.closed

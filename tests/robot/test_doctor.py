@@ -26,7 +26,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Body, NavigatorOptions, StereoRanging, controller_names
 from ndtorch.utils.toml import read_toml
 from ndtorch_robot import doctor
-from ndtorch_robot.camera_monitor.limits import CameraLimits
+from ndtorch_robot.camera_monitor import CameraLimits
 from ndtorch_robot.cameras import CameraSettings
 from ndtorch_robot.config import DriveConfig, load_config
 from ndtorch_robot.drive import drive

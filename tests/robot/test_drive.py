@@ -10,7 +10,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import CRUISE, STOPPED, SUPPRESSED, TURN, Navigator, StereoRig
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.stereo.strips import Strips
-from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import LIMITS, DriveConfig
 from ndtorch_robot.drive import DRAWN, drive
@@ -214,7 +214,7 @@ BUMPER = 0.25
 def driven(simulation, runner, place, seconds):
     """Put the car there, drive, and count the collisions."""
     simulation.place(*place)
-    frame_check = FrameCheck(RIG, 30.0, LIMITS.age, 15, joint_freeze=False, limits=DRAWN)
+    frame_check = CameraMonitor(RIG, 30.0, LIMITS.age, DRAWN, rendered=True)
     car = Car(runner, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), max_steps=round(30 * seconds))
     before = len(simulation.collisions)
     car.run(warm_up=False)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
-from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.faults import Fault, FaultKind
 from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
@@ -73,7 +73,7 @@ def test_odometry_that_is_not_finite_stops_the_car_and_counts_as_none(motion):
 
 def make(frame_check=False):
     clock, drive, lines = SimulatedClock(), PlainDrive(), []
-    safe = SafeDrive(drive, clock, LIMITS, FrameCheck(RIG, 30, 0.1) if frame_check else None, lines.append)
+    safe = SafeDrive(drive, clock, LIMITS, CameraMonitor(RIG, 30, 0.1) if frame_check else None, lines.append)
     return clock, drive, lines, safe
 
 
@@ -237,7 +237,6 @@ def test_kinds_are_told_apart():
     assert len({kind.words for kind in FaultKind}) == len(FaultKind)
     assert {kind for kind in FaultKind if not kind.auto_recover} == {
         FaultKind.FROZEN,
-        FaultKind.MOUNTING,
         FaultKind.COMMAND,
         FaultKind.DRIVE,
         FaultKind.NOT_STARTED,

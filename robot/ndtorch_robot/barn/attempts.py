@@ -20,8 +20,7 @@ from ndtorch.navigation.controllers import controller_class
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.barn.moving import Sightings, is_visible
 from ndtorch_robot.barn.worlds import World
-from ndtorch_robot.camera_monitor.frame_check import FrameCheck
-from ndtorch_robot.camera_monitor.monitor import PATIENCE
+from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import RATE
 from ndtorch_robot.evaluation.drives import ResultCache
@@ -149,8 +148,7 @@ def attempt(entry: Entry) -> Attempt:
         plain_cylinders=entry.plain_cylinders,
     )
     try:
-        age, floor = limits.age, runner.fields
-        frame_check = FrameCheck(rig, rate, age, PATIENCE, joint_freeze=False, floor=floor, unit=body.unit_m)
+        frame_check = CameraMonitor(rig, rate, limits.age, rendered=True)
         car = Car(runner, simulation, SafeDrive(simulation, simulation, limits, frame_check))
         referee = Referee(world, simulation, car)
         car.observers.append(referee)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,8 +14,7 @@ import tyro
 from ndtorch.errors import InputError
 
 if TYPE_CHECKING:
-    from ndtorch.navigation import StereoRig
-    from ndtorch_robot.ports import Clock, Drive, Report, StereoFrames
+    from ndtorch_robot.ports import Clock, Drive, Report
     from ndtorch_robot.run_config import RunConfig
     from ndtorch_robot.safety import SafeDrive
 
@@ -33,7 +30,7 @@ NEUTRAL = 1500
 
 @dataclass(frozen=True)
 class Check:
-    """Walk through cameras, floor, link, steering directions and emergency stop. Put the car on a block: wheels up!
+    """Walk through cameras, link, steering directions and emergency stop. Put the car on a block: wheels up!
 
     Asks after each movement whether it was the right one; exit code 1 when anything was not.
     """
@@ -54,9 +51,8 @@ class Check:
         from ndtorch_robot.safety import SafeDrive
 
         config = read_run_config(self.config)
-        self.say("1. Cameras and floor")
-        cameras, floor = self.cameras(config)
-        found = {"cameras": cameras, "floor": floor}
+        self.say("1. Cameras")
+        found = {"cameras": self.cameras(config)}
         self.say("2. Link")
         simulation = make_simulation(config)
         drive = open_link(config.link_table(), Opening(config.robot, lambda line: self.say(f"   {line}"), simulation))
@@ -76,7 +72,7 @@ class Check:
             drive.close()
             if simulation is not None:
                 simulation.close()
-        bad = (not found["cameras"]) + (not found["floor"]) + (not found["link"]) + wrong + stop
+        bad = (not found["cameras"]) + (not found["link"]) + wrong + stop
         if self.json:
             print(json.dumps(found | {"not_right": bad}))
         else:
@@ -98,72 +94,37 @@ class Check:
         except EOFError:
             return False
 
-    def cameras(self, config: RunConfig) -> tuple[bool, bool]:
-        """Check rate, images and mounting of the cameras, and measure the floor."""
-        from ndtorch_robot.run import make_real_cameras, make_simulation
+    def cameras(self, config: RunConfig) -> bool:
+        """Check rate, images and mounting of the cameras."""
+        from ndtorch_robot.run import make_real_cameras
 
         if config.cameras is None:
-            self.say("   simulated, nothing to check but the floor")
-            world = make_simulation(config)
-            assert world is not None
-            try:
-                moments = count(1)
-
-                def read() -> StereoFrames:
-                    world.wait_until(next(moments) / config.rate_hz)
-                    return world.read()
-
-                return True, self.floor(read, world.rig, config)
-            finally:
-                world.close()
+            self.say("   simulated, nothing to check")
+            return True
         try:
             import_module("ndtorch_robot.cameras")
             pair, rig, _ = make_real_cameras(config)
         except (InputError, ModuleNotFoundError) as error:
             self.say(f"   not right: {error}")
-            return False, False
-        from ndtorch_robot.camera_monitor.monitor import CameraMonitor
+            return False
+        from ndtorch_robot.camera_monitor import mounting_fault
 
-        monitor = CameraMonitor(rig, rate=config.rate_hz, limits=config.camera_monitor)
-        try:
-            self.say("   leave the car where it is to drive for a second: the floor ahead is measured")
-            floor = self.floor(pair.read, rig, config)
-        except InputError as error:
-            pair.close()
-            self.say(f"   not right: {error}")
-            return False, False
         self.say("   for five seconds move the car about by hand: what both cameras see is compared")
         try:
-            times = []
-            for _ in range(round(5 * config.rate_hz)):
-                frames = pair.read()
-                times.append(frames.time)
-                monitor.check_mounting(frames)
+            pairs = [pair.read() for _ in range(round(5 * config.rate_hz))]
         except InputError as error:
             self.say(f"   not right: {error}")
-            return False, floor
+            return False
         finally:
             pair.close()
+        wrong = mounting_fault(pairs, rig)
+        if wrong is not None:
+            self.say(f"   not right: {wrong}")
+            return False
+        times = [frames.time for frames in pairs]
         rate = (len(times) - 1) / (times[-1] - times[0])
         self.say(f"   {rate:.1f} pairs a second, {config.rate_hz:.0f} are wanted")
-        return abs(rate / config.rate_hz - 1) < 0.1, floor
-
-    def floor(self, read: Callable[[], StereoFrames], rig: StereoRig, config: RunConfig) -> bool:
-        from ndtorch.navigation.body import rig_in_units
-        from ndtorch.navigation.controllers.registry import controller_class
-        from ndtorch_robot.camera_monitor.floor_check import measure_floor
-
-        if not controller_class(config.navigation.controller).checks_near:
-            self.say(f"   the controller {config.navigation.controller} does not ask for the floor")
-            return True
-        body = config.body.body()
-        unit = body.unit_m
-        speed = min(config.navigation.speed * body.speed_ratio, config.safety_limits().speed / unit)
-        found = measure_floor(read, rig_in_units(rig, unit), config.rate_hz, speed)
-        found = found._replace(near=None if found.near is None else unit * found.near)
-        for line in found.words():
-            self.say(f"   {line}")
-        return found.good
+        return abs(rate / config.rate_hz - 1) < 0.1
 
     def link(self, drive: Drive, clock: Clock) -> bool:
         import numpy as np

@@ -11,7 +11,7 @@ import torch
 
 import tests.robot.support.avr_board  # noqa: F401 (its link)
 from ndtorch.errors import InputError
-from ndtorch_robot.camera_monitor.monitor import MOVING
+from ndtorch_robot.camera_monitor import MOVING_M_PER_S
 from ndtorch_robot.run import open_car, real_time_priority
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.firmware_host import constants
@@ -100,7 +100,7 @@ class Bench:
                 self.car.safe.resume()
             recent = [p for p in self.board.pulses[-75:] if p.name == "motor"]
             moves = len(recent) > 20 and all(p.time > began and p.width > NEUTRAL + SLACK for p in recent[-15:])
-            if moves and self.car.safe.sent.speed > 2 * MOVING:
+            if moves and self.car.safe.sent.speed > 2 * MOVING_M_PER_S:
                 return
             time.sleep(0.05)
         raise AssertionError(f"does not drive: {self.lines}")

@@ -65,10 +65,8 @@ class FilmCar(Drive):
 
 
 def bare_loop(car, rig, observers=None, **navigation):
-    """A loop that drives off at once. What slides past does not turn as the wheels do, which is not looked at."""
-    config = RunConfig(
-        robot="bare", simulation=SimulationTable(), navigation=navigation, camera_monitor={"min_turns": 1000}
-    )
+    """A loop that drives off at once."""
+    config = RunConfig(robot="bare", simulation=SimulationTable(), navigation=navigation)
     return make_car(config, car, rig, car, car, lambda line: None, True, observers or [], near_check=False)
 
 
