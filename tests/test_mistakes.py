@@ -153,7 +153,7 @@ CASES = {
         benchmark hard --scenes -1
         benchmark scenes --split tuen => did you mean tune?
         benchmark foreground void
-        benchmark foreground . --methods mog2-norfare => did you mean mog2-norfair?
+        benchmark foreground . --methods mog2-sorted => did you mean mog2-sort?
         sweep bindin => did you mean binding?
         sweep gama.toml
         sweep binding --jobs 0

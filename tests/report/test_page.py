@@ -181,21 +181,13 @@ def test_a_camera_that_begins_to_pan_is_told_within_two_seconds() -> None:
 def test_static_cameras_do_not_move(folder: Path | None) -> None:
     if folder is None:
         pytest.skip("needs the labelled clips of ../shared/data/video")
-    from ndtorch_train.benchmark.mot import read_clip
+    from ndtorch_train.benchmark.foreground import read_clip
 
-    clip = read_clip(folder.parent).clip
+    clip = read_clip(folder.parent)
     step = max(1, round(clip.fps / 5))
-    camera = watched([np.asarray(frame[..., ::-1], np.uint8) for frame in islice(clip.frames, 0, 50 * step, step)])
+    camera = watched([np.asarray(frame[..., ::-1], np.uint8) for frame in islice(clip.frames(), 0, 50 * step, step)])
     assert camera.since is None
     assert camera.shifted <= 0.05 * camera.compared
-
-
-@pytest.mark.parametrize(("kind", "moves"), [("panning", True), ("shaking", True), ("lanes", False)])
-def test_generated_cameras(kind: str, moves: bool) -> None:
-    from ndtorch_train.benchmark.street_clips import StreetFrames
-
-    camera = watched([frame[..., ::-1] for frame in islice(StreetFrames(kind, 3), 0, 24, 2)])
-    assert (camera.since is not None) == moves
 
 
 def advised(result: RunResult, camera: CameraMotion, labels: Sequence[np.ndarray] = ()) -> tuple[str, ...]:

@@ -122,48 +122,18 @@ class OverTime(Seeded):
 
 @dataclass(frozen=True)
 class Foreground(Seeded):
-    """Score models for video, and background subtraction with trackers, on video with ground truth.
+    """Score models for video, and background subtraction with trackers, on labelled clips."""
 
-    Clips come from a folder, are generated, or show no object at all: weather, light and shake over a still image.
-    """
-
-    folder: Annotated[Path | None, tyro.conf.Positional] = None
-    """Folder of folders with clip.mp4, and gt.txt (MOT format) or masks.mkv; none to use generated clips only."""
-    methods: tuple[str, ...] = ("foreground", "mog2-norfair", "knn-norfair")
-    """Methods to compare; folders of models too."""
-    generated: int = 0
-    """Number of generated clips for each number of objects and frame rate."""
-    counts: tuple[int, ...] = (0, 1, 2)
-    """Numbers of objects in generated clips."""
-    fps: tuple[float, ...] = (12.5, 25.0, 30.0, 60.0, 120.0)
-    """Frames a second of generated clips."""
-    keep: Path | None = None
-    """Folder in which generated clips are kept, and looked for (default: clips in the folder of the benchmark)."""
-    negative: Path | None = None
-    """An image, or a video whose median is taken: weather, light and shake are drawn over it."""
-    negative_seconds: float = 60.0
-    """Seconds of each of these clips without objects."""
-    rows: int = 0
-    """Height in pixels of the frames that all methods get; 0 for their own."""
-    streets: bool = False
-    """Also use generated crowds, lanes, covers, long shadows, moving cameras and insects."""
-    dishes: bool = False
-    """Also use generated dishes with 2, 5 and 12 insects of 8 to 30 pixels."""
-    ablate: bool = False
-    """Switch off one rule of the model foreground at a time instead, over the folder and those clips."""
+    folder: Annotated[Path, tyro.conf.Positional] = Path()
+    """Folder of folders with clip.mp4, and gt.txt (MOT format) or masks.mkv."""
+    methods: tuple[str, ...] = ("foreground", "mog2-sort")
+    """Methods: foreground, mog2-sort, knn-bytetrack (needs the package trackers), or folders of models."""
 
     def benchmark(self) -> Benchmark:
         """The clips."""
-        from ndtorch_train.benchmark.ablation import ablation_benchmark
-        from ndtorch_train.benchmark.foreground import Generated, foreground_benchmark
+        from ndtorch_train.benchmark.foreground import foreground_benchmark
 
-        negative = None if self.negative is None else (self.negative, self.negative_seconds)
-        if self.ablate:
-            return ablation_benchmark(self.split, self.folder, negative)
-
-        generated = Generated(self.generated, self.counts, self.fps, self.keep) if self.generated else None
-        clips = self.folder, generated, negative, self.streets, self.dishes
-        return foreground_benchmark(self.methods, self.rows, self.split, *clips)
+        return foreground_benchmark(self.methods, self.folder, self.split)
 
 
 @dataclass(frozen=True)
@@ -182,26 +152,6 @@ class CommonFate(Seeded):
         from ndtorch_train.benchmark.common_fate import fate_benchmark
 
         return fate_benchmark(self.methods, self.conditions, self.scenes, self.split)
-
-
-@dataclass(frozen=True)
-class ObjectVideos(Seeded):
-    """Score masks and identities of objects in short videos, as benchmarks of object-centric learning do."""
-
-    folder: Annotated[Path | None, tyro.conf.Positional] = None
-    """Folder with SET.npz, each with frames and masks; without one, videos are drawn."""
-    methods: tuple[str, ...] = ("layers", "colors")
-    """Methods to compare."""
-    sets: tuple[str, ...] = ("spmot", "vmds", "texvmds")
-    """Sets of videos: pure colors on black, random colors, textures."""
-    videos: int = 30
-    """Number of videos of each set."""
-
-    def benchmark(self) -> Benchmark:
-        """The videos."""
-        from ndtorch_train.benchmark.object_videos import object_video_benchmark
-
-        return object_video_benchmark(self.folder, self.methods, self.sets, self.videos, self.split)
 
 
 @dataclass(frozen=True)
@@ -269,7 +219,6 @@ class BenchmarkCommand:
         "foreground": Foreground,
         "common-fate": CommonFate,
         "shape-identification": ShapeIdentification,
-        "object-videos": ObjectVideos,
         "mixtures": Mixtures,
         "ranges": Ranges,
     }

@@ -24,8 +24,7 @@ from ndtorch.scenes import CommonFate
 from ndtorch.utils.packages import MODELS
 from ndtorch.vision import CoherentMotion
 from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
-from ndtorch_train.benchmark.foreground import Subtraction
-from ndtorch_train.benchmark.mot import mask_iou
+from ndtorch_train.benchmark.foreground import Subtraction, mask_iou
 from ndtorch_train.plots import draw_common_fate
 from ndtorch_train.rows import Row
 
@@ -184,7 +183,7 @@ def parts(mask: Mask) -> list[Found]:
 
 def mog2(scene: CommonFate, moments: Sequence[int]) -> list[list[Found]]:
     """Background subtraction, opening and connected parts."""
-    subtract, found = Subtraction("mog2"), []
+    subtract, found = Subtraction("MOG2"), []
     for frames in pieces(scene, moments):
         mask = np.zeros(scene.size, dtype=bool)
         for frame in (255 * frames).round().byte().permute(0, 2, 3, 1).numpy():

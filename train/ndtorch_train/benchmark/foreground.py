@@ -1,73 +1,51 @@
-"""`ndtorch benchmark foreground`: models for video, and background subtraction with trackers of boxes, on clips."""
+"""`ndtorch benchmark foreground`: the model for video beside two fixed trackers of background subtraction, on labelled
+clips.
+
+A clip is a folder with `clip.mp4`, and `gt.txt` (boxes in MOT format) or `masks.mkv` (255 moving, 0 not, 128 ignored).
+"""
 
 from __future__ import annotations
 
 import functools
-import platform
 import time
-import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
-from itertools import product
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import torch
+from scipy.optimize import linear_sum_assignment
 
 import ndtorch
 from ndtorch.errors import InputError
 from ndtorch.loading import model_kind
-from ndtorch.report.page import Shown
 from ndtorch.run.opening import CAMERA_MODELS
 from ndtorch.scenes.video import reduced
 from ndtorch.utils.packages import MODELS, need
 from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
-from ndtorch_train.benchmark.dish_clips import DISHES, dish_clip
-from ndtorch_train.benchmark.generated_clips import boxes_of, clip_file, draw_clip
-from ndtorch_train.benchmark.mot import (
-    SMALLEST,
-    Box,
-    Hypothesis,
-    LabelledClip,
-    Mask,
-    PackedMask,
-    Pixels,
-    TrackerOutput,
-    Video,
-    VideoFrames,
-    clip_folders,
-    mot_score,
-    nothing,
-    read_clip,
-)
-from ndtorch_train.benchmark.negative_clips import FPS, KINDS, SEEDS, Drawn, still_image
-from ndtorch_train.benchmark.street_clips import STREETS, street_clip
-from ndtorch_train.plots import draw_table
 from ndtorch_train.rows import Row
 
-OPENING = 3
-"""Pixels of the square with which masks are opened."""
+Pixels = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float64]
 
+MOVING, IGNORED = 200, 100
+"""Grey value of a true mask from which on a pixel moves, and from which on it is not counted."""
+SMALLEST = 0.0005
+"""Smallest blob, true or of a peer, as a fraction of the image."""
+AROUND_PX = 3
+"""A position may lie this far outside a true blob."""
+OVERLAP = 0.5
+"""Boxes match from this intersection over union on."""
+SORT_OVERLAP, SORT_LOST_S, SORT_HITS = 0.3, 1.0, 3
+"""SORT: smallest overlap of a match, seconds without one after which a track ends, and matches that confirm it."""
 
-class Tuning(NamedTuple):
-    """Side of the square with which masks are closed, pixels, 0 for none, and smallest area, share of the image."""
-
-    closing: int
-    area: float
-
-
-SUBTRACTORS = {
-    "mog2": Tuning(0, SMALLEST),
-    "knn": Tuning(0, SMALLEST),
-    "gsoc": Tuning(5, 0.0015),
-    "lsbp": Tuning(5, 0.0015),
-    "cnt": Tuning(5, 0.0015),
-}
-"""Background subtraction of OpenCV with its defaults, the last three of its contributed modules. None is tuned."""
-REACH = 1.0
-"""Norfair: largest distance of a detection from where a track is expected, in sizes of the box."""
+METHODS = ("foreground", "mog2-sort", "knn-bytetrack")
+"""The model for video, and its peers; the last needs the package `trackers`."""
 
 COLUMNS = (
     Column("clip", "clip"),
@@ -77,320 +55,296 @@ COLUMNS = (
     Column("f", "F", better=1),
     Column("box_f", "F of boxes", better=1),
     Column("idf1", "IDF1", better=1),
-    Column("hota", "HOTA", better=1),
-    Column("mota", "MOTA", better=1),
-    Column("switches", "switches", better=-1),
     Column("count_error", "count error", better=-1),
     Column("mask_f", "mask F", better=1),
     Column("ms_per_frame", "ms a frame", better=-1),
-    Column("fragments", "fragments", better=-1),
-    Column("direction", "direction", better=1),
-    Column("false_per_minute", "false a minute", better=-1),
     Column("times_mog2", "times MOG2", better=-1),
 )
-
 NOTE = (
-    "A place is right inside a true box or blob. Processor time of one thread, without decoding, and its ratio to MOG2 "
-    "with its contours alone in the same process. Masks and counts over all frames. The model reports an object from "
-    "its first detection on, once it is known to be one; the peers report it when they know. "
-    f"{platform.machine()}, torch {torch.__version__}."
+    "A position is right inside a true box or blob. Processor time of one thread, without decoding, and its ratio to "
+    "MOG2 with its contours alone."
 )
 
-TRACKERS = {"norfair": "", "sort": "SORTTracker", "bytetrack": "ByteTrackTracker", "ocsort": "OCSORTTracker"}
-"""Trackers of boxes: Norfair, and classes of the package trackers."""
-METHODS = ("foreground", *(f"{kind}-{tracker}" for kind in SUBTRACTORS for tracker in TRACKERS))
-"""The model for video, and background subtraction with a tracker of boxes."""
 
-USES = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading", MODELS)
+class Clip(NamedTuple):
+    """A labelled clip: its folder, frames a second, and height and width of its frames."""
+
+    folder: Path
+    fps: float
+    size: tuple[int, int]
+
+    def frames(self, name: str = "clip.mp4") -> Iterator[Pixels]:
+        """The frames `[H, W, 3]` of one of its films, in blue, green, red."""
+        capture = cv2.VideoCapture(str(self.folder / name))
+        while True:
+            there, frame = capture.read()
+            if not there:
+                return
+            yield np.asarray(frame, np.uint8)
 
 
-class Generated(NamedTuple):
-    """Generated clips: how many of each number of objects and frame rate, and the folder that keeps them."""
+@dataclass
+class Report:
+    """What a method reports of a clip.
 
-    clips: int
-    counts: Sequence[int]
-    fps: Sequence[float]
-    keep: Path | None
+    Attributes:
+        rows: per frame the objects, each track, column, row, left, top, right, bottom in pixels of the clip, `[N, 7]`.
+        masks: per frame what moves, of clips with true masks.
+        seconds: processor time.
+    """
+
+    rows: list[Floats] = field(default_factory=list)
+    masks: list[Mask] = field(default_factory=list)
+    seconds: float = 0.0
 
 
-def foreground_benchmark(
-    methods: Sequence[str],
-    rows: int,
-    split: Split,
-    folder: Path | None = None,
-    generated: Generated | None = None,
-    negative: tuple[Path, float] | None = None,
-    streets: bool = False,
-    dishes: bool = False,
-) -> Benchmark:
-    """The benchmark of some methods on labelled, generated and negative clips."""
+def foreground_benchmark(methods: Sequence[str], folder: Path, split: Split) -> Benchmark:
+    """The benchmark of some methods, or folders of models, on the clips of a folder."""
     known("methods", [name for name in methods if not Path(name).is_dir()] or METHODS, METHODS)
-    if rows != 0 and rows < 32:
-        raise InputError(f"rows must be 0 or at least 32, got {rows}")
-    clips: dict[str, Callable[[Path], LabelledClip]] = {}
-    if folder is not None:
-        for place in clip_folders(folder):
-            read_clip(place)
-            clips[place.name] = functools.partial(labelled_clip, place)
-    if generated is not None:
-        check_generated(generated)
-        for number, fps, count in product(range(generated.clips), generated.fps, generated.counts):
-            make = functools.partial(generated_clip, split, number, count, fps, generated.keep)
-            clips[f"{count} objects, {fps:g}/s, {number}"] = make
-    if negative is not None:
-        if not 1 <= negative[1] <= 3600:
-            raise InputError(f"negative-seconds must lie between 1 and 3600, got {negative[1]:g}")
-        still = still_image(negative[0])
-        for kind in KINDS:
-            clips[kind] = functools.partial(negative_clip, kind, still, negative[1], split)
-    for kind in STREETS if streets else ():
-        clips[kind] = functools.partial(drawn_clip, kind, split)
-    for kind in DISHES if dishes else ():
-        clips[kind] = functools.partial(dish_in, kind, split)
-    if not clips:
-        raise InputError("name a folder of clips, or give --streets, --dishes, --generated N or --negative IMAGE")
+    places = [folder] if (folder / "clip.mp4").is_file() else sorted(path.parent for path in folder.glob("*/clip.mp4"))
+    if not places:
+        raise InputError(f"{folder} holds no folder with a clip.mp4")
+    clips = [read_clip(place) for place in places]
     tasks = [
-        Task(f"{clip}, {method}", functools.partial(measure, method, clip, make, rows))
-        for clip, make in clips.items()
+        Task(f"{clip.folder.name}, {method}", functools.partial(measure, method, clip))
+        for clip in clips
         for method in methods
     ]
-    settings = {"folder": str(folder), "rows": rows, "split": split, "negative": str(negative)}
-    title = "Objects in video with ground truth"
-    return Benchmark("foreground", title, NOTE, COLUMNS, tasks, USES, mean_rows, draw, settings=settings)
+    uses = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.foreground", "ndtorch.binding", MODELS)
+    title, settings = "Objects in video with ground truth", {"folder": str(folder), "split": split}
+    return Benchmark("foreground", title, NOTE, COLUMNS, tasks, uses, mean_rows, settings=settings)
 
 
-def check_generated(options: Generated) -> None:
-    """Check the options of generated clips. Raises `InputError`: numbers out of range."""
-    if not 1 <= options.clips <= 100_000:
-        raise InputError(f"generated must be between 1 and 100000, got {options.clips}")
-    if any(not 0 <= count <= 4 for count in options.counts):
-        raise InputError(f"counts must lie between 0 and 4, got {options.counts}")
-    if any(not 1 <= fps <= 240 for fps in options.fps):
-        raise InputError(f"fps must lie between 1 and 240 frames a second, got {options.fps}")
+def read_clip(folder: Path) -> Clip:
+    """The clip of a folder. Raises `InputError`: no video, or no truth."""
+    capture = cv2.VideoCapture(str(folder / "clip.mp4"))
+    fps, width, height = (capture.get(k) for k in (cv2.CAP_PROP_FPS, 3, 4))
+    if not (fps > 0 and width and height):
+        raise InputError(f"{folder / 'clip.mp4'} is not a video that can be decoded")
+    if not any((folder / name).is_file() for name in ("gt.txt", "masks.mkv")):
+        raise InputError(f"{folder} holds neither gt.txt nor masks.mkv")
+    return Clip(folder, fps, (int(height), int(width)))
 
 
-def labelled_clip(place: Path, out: Path) -> LabelledClip:
-    """The clip of a folder."""
-    return read_clip(place)
-
-
-def generated_clip(split: Split, number: int, count: int, fps: float, keep: Path | None, out: Path) -> LabelledClip:
-    """A generated clip as an encoded file in the folder `keep`, or in `clips` of the benchmark's folder."""
-    clip, folder = draw_clip(split, number, count, fps), keep or out / "clips"
-    folder.mkdir(parents=True, exist_ok=True)
-    frames = VideoFrames(clip_file(clip, folder))
-    return LabelledClip(Video(clip.name, frames, fps, clip.size), functools.partial(boxes_of, clip))
-
-
-def negative_clip(kind: str, still: Pixels, seconds: float, split: Split, out: Path | None = None) -> LabelledClip:
-    """A clip of one kind of disturbance over a still image."""
-    frames = Drawn(kind, still, SEEDS[split], round(seconds * FPS))
-    return LabelledClip(Video(kind, frames, FPS, still.shape[:2]), nothing)
-
-
-def drawn_clip(kind: str, split: Split, out: Path) -> LabelledClip:
-    """A street clip, which needs no folder."""
-    return street_clip(kind, split)
-
-
-def dish_in(kind: str, split: Split, out: Path) -> LabelledClip:
-    """A dish as an encoded file in `clips` of the benchmark's folder."""
-    return dish_clip(kind, split, out / "clips")
-
-
-def measure(method: str, name: str, make: Callable[[Path], LabelledClip], rows: int, folder: Path) -> list[Row]:
+def measure(method: str, clip: Clip, out: Path) -> list[Row]:
     """The row of one method on one clip."""
-    labelled = make(folder)
-    output = run_method(method, labelled.clip, rows)
-    score = mot_score(output, labelled.truth(), labelled.clip.fps, labelled.masked)
-    ratio = output.seconds / max(mog2_seconds(labelled.clip, rows), 1e-9)
-    return [{"clip": name, "method": method, **asdict(score), "times_mog2": ratio}]
+    report = run_peer(method, clip) if method in METHODS[1:] else run_model(method, clip)
+    subtract = Subtraction("MOG2")
+    seconds = 0.0
+    for frame in clip.frames():
+        began = time.process_time()
+        subtract(frame)
+        seconds += time.process_time() - began
+    times = {"ms_per_frame": 1e3 * report.seconds / max(1, len(report.rows)), "times_mog2": report.seconds / seconds}
+    return [{"clip": clip.folder.name, "method": method, **score(report, clip), **times}]
 
 
 def mean_rows(rows: list[Row]) -> list[Row]:
     """The mean of every method over all clips."""
-    if len({row["clip"] for row in rows}) < 2:
-        return []
     found = []
     for method in dict.fromkeys(row["method"] for row in rows):
-        mine = [row for row in rows if row["method"] == method]
-        values = {c.key: [float(v) for row in mine if (v := row[c.key]) is not None] for c in COLUMNS[2:]}
-        means = {key: float(np.mean(each)) if each else None for key, each in values.items()}
-        found.append({"clip": "mean", "method": method, **means})
+        own = [row for row in rows if row["method"] == method]
+        columns = {c.key: [float(row[c.key]) for row in own if row[c.key] is not None] for c in COLUMNS[2:]}
+        found.append(
+            {"clip": "mean", "method": method}
+            | {key: float(np.mean(values)) if values else None for key, values in columns.items()}
+        )
     return found
 
 
-def draw(rows: list[Row], folder: Path) -> list[Shown]:
-    """F, IDF1 and false objects of every method on every clip."""
-    metrics = [("f", "F"), ("idf1", "IDF1"), ("mask_f", "mask F"), ("false_per_minute", "false a minute")]
-    return draw_table(rows, folder, "foreground", "clip", metrics)
+def run_model(name: str, clip: Clip) -> Report:
+    """A model with tracks."""
+    report, rows = Report(), min(clip.size[0], CAMERA_MODELS.get(model_kind(name), clip.size[0]))
+    size = (rows, max(8, round(rows * clip.size[1] / clip.size[0] / 8) * 8)) if rows < clip.size[0] else clip.size
+    model, state, masked = ndtorch.load(name, size=size, fps=clip.fps), None, (clip.folder / "masks.mkv").is_file()
+    with torch.inference_mode():
+        for frame in clip.frames():
+            small = reduced(frame, size) if size != clip.size else frame
+            image = torch.from_numpy(np.ascontiguousarray(small[..., ::-1])).permute(2, 0, 1)[None]
+            began = time.process_time()
+            signals, state = model(image, state)
+            report.seconds += time.process_time() - began
+            report.rows.append(np.zeros((0, 7)))
+            for mask in signals.mask.numpy() if masked else ():
+                wide = cv2.resize(mask * np.uint8(255), clip.size[::-1], interpolation=cv2.INTER_LINEAR)
+                report.masks.append(np.asarray(wide) > 127)
+    scale = np.array([clip.size[1] / size[1], clip.size[0] / size[0]] * 3)
+    for thing in model.objects(state):
+        for (at, *place), box in zip(thing.path, thing.boxes, strict=True):
+            k = round(at * clip.fps)
+            row = np.concatenate([[thing.track or 0], np.array((*place, *box)) * scale])
+            report.rows[k] = np.concatenate([report.rows[k], row[None]])
+    return report
 
 
-def run_method(method: str, clip: Video, rows: int = 0) -> TrackerOutput:
-    """Run a method, one of `METHODS` or a model folder, over a clip; `rows`: height of its frames, 0 for their own."""
-    kind, _, tracker = method.partition("-")
-    if tracker in TRACKERS:
-        return run_peer(kind, Norfair(clip.fps) if tracker == "norfair" else Peer(tracker, clip.fps), clip, rows)
-    return run_model(method, clip, rows)
-
-
-def scaled_frames(clip: Video, rows: int) -> Iterator[Pixels]:
-    """The frames at that height."""
-    size = (rows, max(8, round(rows * clip.size[1] / clip.size[0] / 8) * 8))
-    for frame in clip.frames:
-        yield reduced(frame, size) if rows else frame
-
-
-def mog2_seconds(clip: Video, rows: int) -> float:
-    """Processor time of MOG2 and its contours over a clip."""
-    subtract, seconds = Subtraction("mog2"), 0.0
-    for frame in scaled_frames(clip, rows):
-        began = time.process_time()
-        subtract(frame)
-        seconds += time.process_time() - began
-    return seconds
-
-
-def run_peer(kind: str, tracker: BoxTracker, clip: Video, rows: int) -> TrackerOutput:
-    """Background subtraction and a tracker of boxes."""
-    subtract, output = Subtraction(kind), TrackerOutput()
-    height, width = clip.size
-    for frame in scaled_frames(clip, rows):
+def run_peer(name: str, clip: Clip) -> Report:
+    """Background subtraction with a tracker of boxes."""
+    kind, _, tracker = name.partition("-")
+    subtract, track, report = Subtraction(kind.upper()), TRACKERS[tracker](clip.fps), Report()
+    masked = (clip.folder / "masks.mkv").is_file()
+    for frame in clip.frames():
         began = time.process_time()
         mask, boxes = subtract(frame)
-        hypotheses = tracker(boxes)
-        output.seconds += time.process_time() - began
-        across, down = width / frame.shape[1], height / frame.shape[0]
-        output.hypotheses.append([scaled(one, across, down) for one in hypotheses])
-        wide = mask.astype(np.uint8)
-        if wide.shape != clip.size:
-            wide = np.asarray(cv2.resize(wide, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
-        output.masks.append(PackedMask(wide > 0))
-    return output
-
-
-def scaled(one: Hypothesis, across: float, down: float) -> Hypothesis:
-    """A hypothesis in pixels of the clip."""
-    box = Box(one.box.left * across, one.box.top * down, one.box.right * across, one.box.bottom * down)
-    return Hypothesis(one.track, (one.place[0] * across, one.place[1] * down), box)
-
-
-def run_model(name: str, clip: Video, rows: int, options: Mapping[str, Any] | None = None) -> TrackerOutput:
-    """A model with tracks, with other constants: objects count from their first detection on, once they are known."""
-    output = TrackerOutput()
-    # As `ndtorch bind` gives them.
-    most = CAMERA_MODELS.get(model_kind(name), clip.size[0])
-    frames = list(scaled_frames(clip, min(rows or clip.size[0], most)))
-    height, width = frames[0].shape[:2]
-    model, state = ndtorch.load(name, size=(height, width), fps=clip.fps, **(options or {})), None
-    shapes: list[Any] = []
-    with torch.inference_mode():
-        for start in range(0, len(frames), 8):
-            chunk = np.stack([frame[..., ::-1] for frame in frames[start : start + 8]])
-            began = time.process_time()
-            signals, state = model(torch.from_numpy(chunk).permute(0, 3, 1, 2), state)
-            output.seconds += time.process_time() - began
-            if hasattr(signals, "labels"):
-                shapes += [zlib.compress(one.numpy().tobytes(), 1) for one in signals.labels]
-                form = tuple(signals.labels.shape[1:])
-        objects = model.objects(state)
-    across, down = clip.size[1] / width, clip.size[0] / height
-    output.hypotheses = [[] for _ in frames]
-    for obj in objects:
-        for k, (at, column, row) in enumerate(obj.path):
-            box = Box(*obj.boxes[k]) if obj.boxes else Box(column, row, column, row)
-            one = Hypothesis(obj.track or 0, (column, row), box)
-            output.hypotheses[round(at * clip.fps)].append(scaled(one, across, down))
-    confirmed = [(obj.track or 0) + 1 for obj in objects]
-    for packed in shapes:
-        labels = np.frombuffer(zlib.decompress(packed), np.int32).reshape(form)
-        image = np.isin(labels, confirmed).astype(np.uint8) * 255
-        wide = cv2.resize(image, clip.size[::-1], interpolation=cv2.INTER_LINEAR)
-        output.masks.append(PackedMask(np.asarray(wide) > 127))
-    return output
+        numbers, boxes = track(boxes)
+        report.seconds += time.process_time() - began
+        middles = (boxes[:, :2] + boxes[:, 2:]) / 2
+        report.rows.append(np.concatenate([numbers[:, None], middles, boxes], 1))
+        if masked:
+            report.masks.append(mask)
+    return report
 
 
 class Subtraction:
-    """Background subtraction as it comes, opening with a small square, closing, contours of a smallest area.
-
-    Args:
-        kind: one of `SUBTRACTORS`.
-
-    Raises:
-        InputError: OpenCV comes without its contributed modules.
-    """
+    """Background subtraction of OpenCV, MOG2 or KNN, with its defaults: opened mask, and boxes of contours `[N, 4]`."""
 
     def __init__(self, kind: str) -> None:
-        name, self.tuning = f"createBackgroundSubtractor{kind.upper()}", SUBTRACTORS[kind]
-        create = getattr(cv2, name, None) or getattr(getattr(cv2, "bgsegm", None), name, None)
-        if create is None:
-            raise InputError(f"the method {kind} needs the package opencv-contrib-python-headless in place of OpenCV's")
-        self.model: Any = create()
+        self.model: Any = getattr(cv2, f"createBackgroundSubtractor{kind}")()
 
-    def __call__(self, frame: Pixels) -> tuple[Mask, list[Box]]:
-        """The mask, shadows left out, and its boxes."""
-        mask = (self.model.apply(frame) == 255).astype(np.uint8)
-        for kind, side in ((cv2.MORPH_OPEN, OPENING), (cv2.MORPH_CLOSE, self.tuning.closing)):
-            if side:
-                mask = np.asarray(cv2.morphologyEx(mask, kind, np.ones((side, side), np.uint8)), np.uint8)
+    def __call__(self, frame: Pixels) -> tuple[Mask, Floats]:
+        mask = cv2.morphologyEx((self.model.apply(frame) == 255).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3)))
         contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-        found = []
-        for contour in contours:
-            if cv2.contourArea(contour) >= self.tuning.area * mask.size:
-                left, top, width, height = cv2.boundingRect(contour)
-                found.append(Box(left, top, left + width, top + height))
-        return mask > 0, found
+        large = [cv2.boundingRect(one) for one in contours if cv2.contourArea(one) >= SMALLEST * mask.size]
+        boxes = np.array(large, np.float64).reshape(-1, 4)
+        boxes[:, 2:] += boxes[:, :2]
+        return np.asarray(mask, np.uint8) > 0, boxes
 
 
-class BoxTracker(Protocol):
-    """Boxes of one frame after the other -> boxes with identities."""
-
-    def __call__(self, boxes: Sequence[Box]) -> list[Hypothesis]: ...
-
-
-class Norfair:
-    """Norfair's tracker over centers, distance in sizes of the box; reports only tracks detected in this very frame."""
+class Sort:
+    """SORT (Bewley et al. 2016) with a mean velocity in place of the Kalman filter: numbers and boxes of this frame."""
 
     def __init__(self, fps: float) -> None:
-        self.norfair = need("norfair", "the method norfair")
+        self.boxes, self.velocity = np.zeros((0, 4)), np.zeros((0, 4))
+        self.hits, self.lost, self.numbers = (np.zeros(0, np.int64) for _ in range(3))
+        self.max_lost, self.count = max(1, round(SORT_LOST_S * fps)), 0
 
-        def distance(seen: Any, track: Any) -> float:
-            return float(np.linalg.norm(seen.points[0] - track.estimate[0]) / seen.data[1])
-
-        # A track is kept for half a second.
-        self.tracker = self.norfair.Tracker(distance, REACH, hit_counter_max=max(2, round(fps / 2)))
-
-    def __call__(self, boxes: Sequence[Box]) -> list[Hypothesis]:
-        sizes = [max(box.right - box.left, box.bottom - box.top) for box in boxes]
-        detect = self.norfair.Detection
-        seen = [detect(np.array([middle(b)]), data=(b, size)) for b, size in zip(boxes, sizes, strict=True)]
-        tracks = self.tracker.update(seen)
-        # Norfair copies detections, but not what they carry.
-        now = {id(one.data) for one in seen}
-        out = []
-        for track in tracks:
-            if id(track.last_detection.data) in now and track.id is not None:
-                box = track.last_detection.data[0]
-                out.append(Hypothesis(int(track.id), middle(box), box))
-        return out
-
-
-class Peer:
-    """A tracker of the package trackers, with its defaults."""
-
-    def __init__(self, name: str, fps: float) -> None:
-        self.detections = need("supervision", f"the method {name}").Detections
-        self.tracker = getattr(need("trackers", f"the method {name}"), TRACKERS[name])(frame_rate=fps)
-
-    def __call__(self, boxes: Sequence[Box]) -> list[Hypothesis]:
-        places, sure = np.array(boxes, np.float64).reshape(-1, 4), np.ones(len(boxes), np.float32)
-        found = self.tracker.update(self.detections(places, confidence=sure, class_id=np.zeros(len(boxes), int)))
-        # Tracks that are not confirmed have the number -1.
-        pairs = [] if found.tracker_id is None else zip(found.tracker_id.tolist(), found.xyxy.tolist(), strict=True)
-        rows = [(int(number), Box(*row)) for number, row in pairs if number >= 0]
-        return [Hypothesis(number, middle(box), box) for number, box in rows]
+    def __call__(self, boxes: Floats) -> tuple[npt.NDArray[np.int64], Floats]:
+        expected = self.boxes + self.velocity
+        ratios = overlaps(expected, boxes)
+        i, j = linear_sum_assignment(-ratios)
+        i, j = i[ratios[i, j] >= SORT_OVERLAP], j[ratios[i, j] >= SORT_OVERLAP]
+        self.velocity[i] += (boxes[j] - expected[i]) / 2
+        self.boxes, self.lost = expected, self.lost + 1
+        self.boxes[i], self.lost[i] = boxes[j], 0
+        self.hits[i] += 1
+        new = np.setdiff1d(np.arange(len(boxes)), j)
+        self.boxes = np.concatenate([self.boxes, boxes[new]])
+        self.velocity = np.concatenate([self.velocity, np.zeros((len(new), 4))])
+        self.hits = np.concatenate([self.hits, np.ones(len(new), np.int64)])
+        self.lost = np.concatenate([self.lost, np.zeros(len(new), np.int64)])
+        self.numbers = np.concatenate([self.numbers, self.count + np.arange(len(new))])
+        self.count += len(new)
+        keep = self.lost <= self.max_lost
+        for name in ("boxes", "velocity", "hits", "lost", "numbers"):
+            setattr(self, name, getattr(self, name)[keep])
+        shown = (self.lost == 0) & (self.hits >= SORT_HITS)
+        return self.numbers[shown], self.boxes[shown]
 
 
-def middle(box: Box) -> tuple[float, float]:
-    """Column and row of a box's middle."""
-    return (box.left + box.right) / 2, (box.top + box.bottom) / 2
+class ByteTrack:
+    """ByteTrack of the package `trackers`, with its defaults."""
+
+    def __init__(self, fps: float) -> None:
+        self.detections = need("supervision", "the method knn-bytetrack").Detections
+        self.tracker = need("trackers", "the method knn-bytetrack").ByteTrackTracker(frame_rate=fps)
+
+    def __call__(self, boxes: Floats) -> tuple[npt.NDArray[np.int64], Floats]:
+        sure, kind = np.ones(len(boxes), np.float32), np.zeros(len(boxes), int)
+        found = self.tracker.update(self.detections(boxes, confidence=sure, class_id=kind))
+        numbers = np.array([] if found.tracker_id is None else found.tracker_id, np.int64)
+        return numbers[numbers >= 0], np.asarray(found.xyxy, np.float64).reshape(-1, 4)[: len(numbers)][numbers >= 0]
+
+
+TRACKERS: dict[str, Callable[[float], Any]] = {"sort": Sort, "bytetrack": ByteTrack}
+
+
+def overlaps(one: Floats, other: Floats) -> Floats:
+    """Intersection over union of every pair of boxes, `[K, N]`."""
+    common = np.minimum(one[:, None, 2:], other[None, :, 2:]) - np.maximum(one[:, None, :2], other[None, :, :2])
+    shared = common.clip(0).prod(-1)
+    areas = [(boxes[:, 2:] - boxes[:, :2]).prod(-1) for boxes in (one, other)]
+    return np.asarray(shared / np.maximum(areas[0][:, None] + areas[1] - shared, 1e-9))
+
+
+def mask_iou(one: Mask, other: Mask) -> float:
+    """Intersection over union of two masks."""
+    return float((one & other).sum() / max(1, (one | other).sum()))
+
+
+class Truth(NamedTuple):
+    """One frame: whether each of K objects holds a position, their numbers and boxes (of `gt.txt`), and which pixels
+    move and count (of `masks.mkv`)."""
+
+    holds: Callable[[Floats], Mask]
+    numbers: list[int] | None = None
+    boxes: Floats | None = None
+    moving: Mask | None = None
+    counted: Mask | None = None
+
+
+def truth_of(clip: Clip) -> Iterator[Truth]:
+    """The truth of every frame."""
+    if not (clip.folder / "gt.txt").is_file():
+        smallest = SMALLEST * clip.size[0] * clip.size[1]
+        for frame in clip.frames("masks.mkv"):
+            moving = frame[..., 0] > MOVING
+            wide = cv2.dilate(moving.astype(np.uint8), np.ones((2 * AROUND_PX + 1, 2 * AROUND_PX + 1)))
+            count, labels = cv2.connectedComponents(wide)
+            names = np.flatnonzero(np.bincount(labels[moving], minlength=count)[1:] >= smallest) + 1
+            yield Truth(
+                functools.partial(in_blobs, np.asarray(labels), names),
+                moving=moving,
+                counted=moving | (frame[..., 0] < IGNORED),
+            )
+        return
+    table = np.loadtxt(clip.folder / "gt.txt", delimiter=",", ndmin=2)
+    table = table[table[:, 6] > 0]
+    number = 0
+    while True:
+        number += 1
+        own = table[table[:, 0] == number]
+        boxes = np.concatenate([own[:, 2:4], own[:, 2:4] + own[:, 4:6]], 1)
+        yield Truth(functools.partial(in_boxes, boxes), own[:, 1].astype(int).tolist(), boxes)
+
+
+def in_blobs(labels: npt.NDArray[Any], names: npt.NDArray[Any], places: Floats) -> Mask:
+    """Whether blobs hold positions, `[K, N]`."""
+    columns, rows = places.T.astype(int)
+    at = labels[rows.clip(0, labels.shape[0] - 1), columns.clip(0, labels.shape[1] - 1)]
+    return np.asarray(names[:, None] == at)
+
+
+def in_boxes(boxes: Floats, places: Floats) -> Mask:
+    """Whether boxes hold positions, `[K, N]`."""
+    inside = (boxes[:, None, :2] <= places) & (places <= boxes[:, None, 2:])
+    return np.asarray(inside.all(-1))
+
+
+def score(report: Report, clip: Clip) -> Row:
+    """Precision, recall and F of positions, F of boxes, IDF1, count error, and F of pixels; None where the truth does
+    not say."""
+    true = reported = right = boxes = away = frames = 0
+    together, pixels = Counter[tuple[int, int]](), np.zeros(3, np.int64)
+    for number, (rows, truth) in enumerate(zip(report.rows, truth_of(clip), strict=False)):
+        inside = truth.holds(rows[:, 1:3])
+        right += int(inside[linear_sum_assignment(~inside)].sum())
+        true, reported, frames = true + len(inside), reported + len(rows), frames + 1
+        away += abs(len(inside) - len(rows))
+        if truth.boxes is not None and truth.numbers is not None:
+            enough = overlaps(truth.boxes, rows[:, 3:]) >= OVERLAP
+            boxes += int(enough[linear_sum_assignment(~enough)].sum())
+            together.update((truth.numbers[i], int(rows[j, 0])) for i, j in np.argwhere(inside).tolist())
+        if truth.moving is not None and truth.counted is not None and number < len(report.masks):
+            shown = report.masks[number] & truth.counted
+            pixels += [int((shown & truth.moving).sum()), int(shown.sum()), int(truth.moving.sum())]
+    pairs, known_boxes = max(1, true + reported), (clip.folder / "gt.txt").is_file()
+    names, tracks = sorted({name for name, _ in together}), sorted({track for _, track in together})
+    shared = np.array([[together[name, track] for track in tracks] for name in names]).reshape(len(names), len(tracks))
+    return {
+        "precision": right / max(1, reported),
+        "recall": right / max(1, true),
+        "f": 2 * right / pairs,
+        "box_f": 2 * boxes / pairs if known_boxes else None,
+        "idf1": 2 * float(shared[linear_sum_assignment(-shared)].sum()) / pairs if known_boxes else None,
+        "count_error": away / max(1, frames),
+        "mask_f": float(2 * pixels[0] / (pixels[1] + pixels[2])) if pixels[2] else None,
+    }

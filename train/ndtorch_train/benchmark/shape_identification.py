@@ -20,9 +20,9 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from ndtorch.errors import InputError
-from ndtorch.tracking.figure_ground import figure_ground
+from ndtorch.vision.figure_ground import figure_ground
 from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
-from ndtorch_train.benchmark.mot import mask_iou
+from ndtorch_train.benchmark.foreground import mask_iou
 from ndtorch_train.rows import Row
 
 Floats = npt.NDArray[np.float64]
@@ -220,6 +220,6 @@ def shape_benchmark(methods: Sequence[str], names: Sequence[str], films: int, sp
     ]
     note = f"Split {split}, {films} films a condition. Masks of the last frame; of the whole film, of the middle one."
     return Benchmark(
-        "shape-identification", "Shapes by common fate", note, COLUMNS, tasks, ("ndtorch.tracking",),
+        "shape-identification", "Shapes by common fate", note, COLUMNS, tasks, ("ndtorch.vision",),
         settings={"split": split, "films": films},
     )  # fmt: skip

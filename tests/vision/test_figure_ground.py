@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.tracking.figure_ground import FigureGroundParams, figure_ground, refined
+from ndtorch.vision.figure_ground import FigureGroundParams, figure_ground, refined
 
 
 def film(figure: tuple[int, int], ground: tuple[int, int], seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
