@@ -134,9 +134,6 @@ CASES = {
         run sim --seconds nan => --seconds must be a number
         run maxstone8 --disturbance noise => this car has cameras
         run sim --save-map map => --save-map needs a map
-        guard sim => nobody gives a command
-        guard sim --arenas office => or --arenas to be judged in
-        guard sim --seconds -1 => --seconds must be
         check simm => did you mean sim?
         calibrate void void
         calibrate nowhere also-nowhere

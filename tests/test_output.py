@@ -136,7 +136,6 @@ WRITERS = {
     "evaluate": "evaluate --arenas room --seeds 7 --seconds 0.2 --controllers published --jobs 1 --out {out}",
     "barn": "barn {barn} --jobs 1 --controller published --worlds 5 --out {out}",
     "replay": "replay {recording} --rrd {out}/replay.rrd",
-    "guard": "guard --arenas room --seeds 7 --seconds 0.2 --jobs 1 --out {out}",
     "import": "import {bag} --out {out}/import.mcap",
     "run": "run {car} --go --seconds 0.5 --record {out}/r.mcap",
     "run --save-map": "run {car} --go --seconds 0.5 --save-map {out}/map",

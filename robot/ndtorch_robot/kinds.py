@@ -1,8 +1,4 @@
-"""Parts by name that are found in a folder: drive links and bridges.
-
-A part is one file in its folder, or anywhere in a program of one's own: a table of what its section of a car's file may
-say, and a function that opens it, which is registered by a decorator.
-"""
+"""Parts by name, such as drive links and bridges: each kind is a table of settings and a function that opens it."""
 
 from __future__ import annotations
 
@@ -10,66 +6,51 @@ import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.toml import Strict, check
 
-Opening = TypeVar("Opening")
-Opened = TypeVar("Opened")
-Settings = TypeVar("Settings", bound=Strict)
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class Kind(NamedTuple):
-    """A kind of part: the table of its settings, and what opens it."""
+    """A kind of part: the table of its settings, and what opens it, called with settings and an opening."""
 
     settings: type[Strict]
     open: Callable[[Any, Any], Any]
 
 
-class Kinds(Generic[Opening, Opened]):
-    """The kinds of one part.
+class Kinds(dict[str, Kind]):
+    """The kinds of one part by name; those of its package are imported when a name is not known.
 
     Args:
         what: the part, for messages.
-        package: in whose folder they are looked for.
-
-    Attributes:
-        known: the kinds that were registered so far, by name.
+        package: name of the package whose modules register kinds.
     """
 
     def __init__(self, what: str, package: str) -> None:
+        super().__init__()
         self.what, self.package = what, package
-        self.known: dict[str, Kind] = {}
 
-    def register(
-        self, name: str, settings: type[Settings]
-    ) -> Callable[[Callable[[Settings, Opening], Opened]], Callable[[Settings, Opening], Opened]]:
+    def register(self, name: str, settings: type[Strict]) -> Callable[[Function], Function]:
         """Decorator: this function opens parts of that kind. Raises `InputError`: a name that is taken."""
 
-        def add(open_: Callable[[Settings, Opening], Opened]) -> Callable[[Settings, Opening], Opened]:
-            if name in self.known:
+        def add(function: Function) -> Function:
+            if name in self:
                 raise InputError(f"there is a {self.what} of the kind {name!r} already")
-            self.known[name] = Kind(settings, open_)
-            return open_
+            self[name] = Kind(settings, function)
+            return function
 
         return add
 
-    def find(self, name: str) -> Kind:
-        """A kind by name; `InputError` with the known ones where there is none."""
-        if name not in self.known:
-            folder = importlib.import_module(self.package).__file__
-            assert folder is not None
-            for module in pkgutil.iter_modules([str(Path(folder).parent)]):
-                importlib.import_module(f"{self.package}.{module.name}")
-        if name not in self.known:
-            raise InputError(
-                f"no {self.what} of the kind {name!r}, known are {', '.join(sorted(self.known))}"
-                f"{did_you_mean(name, self.known)}"
-            )
-        return self.known[name]
-
     def checked(self, name: str, values: Mapping[str, Any], table: str) -> tuple[Kind, Strict]:
         """A kind and its settings, of the values of a table; `InputError` for an unknown kind, key or value."""
-        kind = self.find(name)
-        return kind, check(values, kind.settings, table)
+        if name not in self:
+            folder = str(Path(importlib.import_module(self.package).__file__ or "").parent)
+            for module in pkgutil.iter_modules([folder]):
+                importlib.import_module(f"{self.package}.{module.name}")
+        if name not in self:
+            known = f"known are {', '.join(sorted(self))}{did_you_mean(name, self)}"
+            raise InputError(f"no {self.what} of the kind {name!r}, {known}")
+        return self[name], check(values, self[name].settings, table)

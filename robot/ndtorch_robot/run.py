@@ -35,7 +35,7 @@ def open_car(config: RunConfig, report: Report, go: bool = False, observers: Ite
         simulation = make_simulation(config)
         if simulation is not None:
             stack.callback(simulation.close)
-        drive = open_link(config.link_table(), Opening(config.robot, report, simulation))
+        drive = open_link(config.link_table(), Opening(config.board_name, report, simulation))
         stack.callback(drive.close)
         if isinstance(drive, MovesWorld):
             cameras, clock = drive.cameras_and_clock()

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from ndtorch.navigation import Body, StereoRig
 from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import Strict, read_toml
-from ndtorch_robot.bridges.registry import BRIDGES
+from ndtorch_robot.bridges import BRIDGES
 from ndtorch_robot.camera_monitor import CameraLimits
 from ndtorch_robot.link.registry import HOSTED_BOARD, SERIAL, check_link
 from ndtorch_robot.navigator_table import NavigatorTable
@@ -165,7 +165,9 @@ class SimulationTable(Strict):
 class RunConfig(RobotTable):
     """The file of a robot for `ndtorch run`; `--robot` of other commands reads what describes the robot."""
 
-    robot: str = Field(min_length=1, max_length=8, description="The board must have this name.")
+    board_name: str = Field(
+        min_length=1, max_length=8, description="Name of the board; its welcome message has room for 8 letters."
+    )
     link: Mapping[str, str | int | float | bool] = Field(
         default_factory=dict,
         description="The drive link is of this `kind` (serial by default, hosted-board in a simulated world), with the "

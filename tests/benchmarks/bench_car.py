@@ -54,7 +54,7 @@ def car(seconds: float, controller: str) -> dict[str, object]:
             link = {"device": simulated.device}
             navigation = NavigationTable(controller=controller)
             config = RunConfig(
-                robot="maxston8", cameras={"left": left, "right": right}, link=link, navigation=navigation
+                board_name="maxston8", cameras={"left": left, "right": right}, link=link, navigation=navigation
             )
             with open_car(config, lines.append, go=True) as running:
                 running.run(seconds)

@@ -23,7 +23,7 @@ AHEAD, BACK = DriveCommand(0.5, 0.0), DriveCommand(-0.3, 0.0)
 def hosted_car():
     """The configuration of a car with simulated cameras and the firmware of the board."""
     simulation = SimulationTable(arena="curve", seed=3)
-    return RunConfig(robot="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
+    return RunConfig(board_name="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
 
 
 class InOrder(FaultInjector):

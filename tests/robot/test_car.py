@@ -43,16 +43,6 @@ def test_a_command_is_sent_before_the_map_is_filled(monkeypatch):
     assert order == ["send", "complete"] * 4
 
 
-def test_who_steers_sees_the_state_of_the_frame():
-    """A guard judges what is free by it, and changes it."""
-    car, told, _ = film(6)
-    seen = []
-    car.steer = lambda wanted: seen.append(car.runner.state) or wanted
-    car.run(4.5 / 30)
-    assert len(seen) == 6
-    assert all(state is step.state for state, step in zip(seen, told, strict=True))
-
-
 def test_it_stands_until_told_whatever_the_drive_says():
     """A drive without a reason to stand, too."""
     car, told, lines = film(40)

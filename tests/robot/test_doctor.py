@@ -297,7 +297,7 @@ def test_what_it_starts_is_there():
     folder = values("WorkingDirectory")[0]
     assert program == f"{folder}/.venv/bin/ndtorch"  # where `make setup` puts it
     assert arguments[0] == "run"
-    assert read_toml(ROOT / arguments[1], RunConfig).robot == "maxston8"
+    assert read_toml(ROOT / arguments[1], RunConfig).board_name == "maxston8"
     assert values("KillSignal") == ["SIGTERM"]
     assert int(values("LimitRTPRIO")[0]) >= 3  # what robot/ndtorch_robot/run.py asks for
     assert set(values("SupplementaryGroups")[0].split()) == {"dialout", "video"}

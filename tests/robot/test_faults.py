@@ -117,7 +117,7 @@ def test_emergency_stop(garage):
 
 
 CONFIG = """
-robot = "maxston8"
+board_name = "maxston8"
 [link]
 kind = "avr-board"
 pulse_log = "{log}"

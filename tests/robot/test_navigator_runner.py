@@ -106,7 +106,7 @@ def test_no_kernel_is_loaded_on_the_way(options, monkeypatch):
         kernel.run = partial(told, kernel)  # as in a new process
     monkeypatch.setattr(JitFunction, "first_call", told)
     table, world = {"kind": "simulated-world"}, SimulationTable(arena="room", seed=3)
-    config = RunConfig(robot="sim", link=table, simulation=world, navigation=options)
+    config = RunConfig(board_name="sim", link=table, simulation=world, navigation=options)
     before = []
 
     def look(step):

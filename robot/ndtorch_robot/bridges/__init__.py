@@ -1,5 +1,115 @@
-"""Bridges from the loop to other systems, such as MAVLink and ROS 2; see docs/robot/bridges.md."""
+"""Bridges from the loop to other systems, such as MAVLink and ROS 2; see docs/robot/bridges.md.
 
-from ndtorch_robot.bridges.registry import BRIDGES, Bridge, BridgeThread, Opening, Wish, bridge, open_bridges
+`[bridges.mavlink]` in a car's file opens one beside the loop. A bridge is a class that inherits `Bridge`, a table of
+settings, and a function with `@bridge(name, settings)` that opens it: a file in this folder, or anywhere else.
+"""
 
-__all__ = ["BRIDGES", "Bridge", "BridgeThread", "Opening", "Wish", "bridge", "open_bridges"]
+from __future__ import annotations
+
+import contextlib
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ndtorch_robot.kinds import Kinds
+from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.ports import Report, Step
+
+__all__ = ["BRIDGES", "Bridge", "BridgeThread", "Opening", "bridge", "open_bridges"]
+
+POLL = 0.01
+"""Seconds that a bridge waits for a step before it looks for what has arrived."""
+
+CLOSE_TIMEOUT = 1.0
+"""Seconds to wait for a bridge at the end: one that hangs is left behind."""
+
+
+@dataclass
+class Opening:
+    """What a bridge is opened with.
+
+    Attributes:
+        report: called for every event.
+        runner: of the car, whose rig, map and controller do not change.
+        link: the `[link]` table of the car: a bridge to the same device shares its connection.
+    """
+
+    report: Report
+    runner: NavigatorRunner
+    link: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Bridge(ABC):
+    """A connection to another system. All methods are called in the bridge's own thread, and may be slow or raise."""
+
+    @abstractmethod
+    def publish(self, step: Step) -> None:
+        """Send the newest step; older ones may have been left out."""
+
+    def poll(self) -> None:  # noqa: B027  nothing comes back from some
+        """Take what has arrived; called at least every `POLL` seconds. Must not wait."""
+
+    def close(self) -> None:  # noqa: B027
+        """Give everything back."""
+
+
+BRIDGES = Kinds("bridge", __name__)
+bridge = BRIDGES.register
+
+
+class BridgeThread:
+    """An observer of the loop that hands the newest step to a bridge in a thread of its own.
+
+    The loop never waits: a step that the bridge has not taken when the next one comes is left out. When the bridge
+    raises, it ends with one line, and the car goes on.
+
+    Attributes:
+        taken: steps so far.
+    """
+
+    def __init__(self, name: str, bridge: Bridge, report: Report) -> None:
+        self.name, self.bridge, self.report = name, bridge, report
+        self.newest: Step | None = None
+        self.news, self.closing, self.taken = threading.Event(), threading.Event(), 0
+        self.thread = threading.Thread(target=self.run, name=f"bridge {name}", daemon=True)
+        self.thread.start()
+
+    def __call__(self, step: Step) -> None:
+        self.newest = step
+        self.news.set()
+
+    def run(self) -> None:
+        try:
+            while not self.closing.is_set():
+                if self.news.wait(POLL):
+                    self.news.clear()
+                    assert self.newest is not None
+                    self.bridge.publish(self.newest)
+                    self.taken += 1
+                self.bridge.poll()
+        except Exception as error:  # whatever it is, driving goes on
+            self.report(f"the bridge {self.name} has ended: {' '.join(f'{type(error).__name__}: {error}'.split())}")
+        finally:
+            with contextlib.suppress(Exception):
+                self.bridge.close()
+
+    def close(self) -> None:
+        """End the bridge; one that hangs is left behind."""
+        self.closing.set()
+        self.thread.join(CLOSE_TIMEOUT)
+        if self.thread.is_alive():
+            self.report(f"the bridge {self.name} hangs: left behind")
+
+
+@contextlib.contextmanager
+def open_bridges(tables: Mapping[str, Mapping[str, Any]], opening: Opening) -> Iterator[list[BridgeThread]]:
+    """The bridges of the `[bridges]` tables, each an observer of the loop, closed afterwards."""
+    with contextlib.ExitStack() as stack:
+        threads = []
+        for name, values in tables.items():
+            kind, settings = BRIDGES.checked(name, values, f"bridges.{name}")
+            threads.append(BridgeThread(name, kind.open(settings, opening), opening.report))
+            stack.callback(threads[-1].close)
+        yield threads

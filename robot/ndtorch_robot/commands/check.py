@@ -55,7 +55,8 @@ class Check:
         found = {"cameras": self.cameras(config)}
         self.say("2. Link")
         simulation = make_simulation(config)
-        drive = open_link(config.link_table(), Opening(config.robot, lambda line: self.say(f"   {line}"), simulation))
+        opening = Opening(config.board_name, lambda line: self.say(f"   {line}"), simulation)
+        drive = open_link(config.link_table(), opening)
         clock: Clock = drive.cameras_and_clock()[1] if isinstance(drive, MovesWorld) else MonotonicClock()
         try:
             found["link"] = self.link(drive, clock)

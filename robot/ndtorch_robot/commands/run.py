@@ -95,7 +95,7 @@ class Run:
                 told.append(observer.report)
             if folder is not None:
                 car.observers.append(path)
-            opening = Opening(config.robot, report, car.runner, config.link)
+            opening = Opening(report, car.runner, config.link)
             car.observers += stack.enter_context(open_bridges(config.bridges, opening))
             report(f"ready; {HELP}" if sys.stdin.isatty() else "ready; SIGUSR1: go, SIGTERM: stop and end")
             car.run(self.seconds)

@@ -3,32 +3,37 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field
 
 from ndtorch.errors import InputError
+from ndtorch.utils.packages import need
+from ndtorch.utils.toml import Strict
 from ndtorch_robot.link.link_drive import LOOP_PATIENCE, OLDEST_COMMAND
-from ndtorch_robot.link.mavlink_connection import AUTOPILOT, MavlinkConnection, MavlinkSettings
 from ndtorch_robot.link.registry import Opening, link
 from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
 
-HEARTBEAT_PATIENCE = 2.5
-"""Seconds without a heartbeat, which comes once a second, after which the autopilot counts as lost."""
+COMPONENT, AUTOPILOT = 191, 1
+"""MAV_COMP_ID_ONBOARD_COMPUTER, which this program is in the system of the vehicle, and MAV_COMP_ID_AUTOPILOT1."""
 
-MOTION_PATIENCE = 0.5
-"""Seconds without the motion that it was asked to send after which it does."""
+GREETING, HEARTBEAT_EVERY, TICK = 5.0, 1.0, 0.02
+"""Seconds to wait for the vehicle, between two heartbeats, and after which the thread looks after the drive."""
+
+HEARTBEAT_PATIENCE, MOTION_PATIENCE = 2.5, 0.5
+"""Seconds without a heartbeat, which comes once a second, and without motion, after which the autopilot is lost."""
 
 MOTION_RATE = 30
 """Times a second that the autopilot is asked for its motion."""
 
 GUIDED = 15
-"""Number of the mode GUIDED of ArduPilot Rover."""
-
 MODES = {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", GUIDED: "GUIDED"}
-"""Names of modes of ArduPilot Rover."""
+"""Modes of ArduPilot Rover."""
 
 VELOCITY_AND_YAW_RATE = 0x5C7
 """Type mask of a set-point: velocity and yaw rate count, all else does not."""
@@ -36,17 +41,124 @@ VELOCITY_AND_YAW_RATE = 0x5C7
 SLOW = 0.05
 """Below this speed the curvature is not known from the yaw rate, m/s."""
 
-NOT_YET = "not yet told to drive"
+
+class MavlinkSettings(Strict):
+    """A connection to a vehicle.
+
+    Args:
+        device: `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT`, `tcp:ADDRESS:PORT` or a serial port, as of pymavlink.
+        baud: symbols a second of a serial port.
+        system_id: of the vehicle; what other systems send is not listened to.
+    """
+
+    device: str = "udpin:127.0.0.1:14550"
+    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 921_600
+    system_id: Annotated[int, Field(ge=1, le=255)] = 1
 
 
 class MavlinkDriveSettings(MavlinkSettings):
     """`[link]` with `kind = "mavlink"`.
 
     Args:
-        arm: the car may arm the autopilot, and set its mode, when it is told to resume; else a person does both.
+        arm: the car may arm the autopilot, and set its mode, when it is resumed; else a person does both.
     """
 
     arm: bool = False
+
+
+class MavlinkConnection:
+    """A connection to the autopilot of one vehicle, which a link and a bridge share; a thread reads, anybody sends.
+
+    Attributes:
+        dialect: the module with the messages and constants of MAVLink 2.
+        heartbeat: the last one of the autopilot; None before any.
+        others: systems that were heard and are not listened to.
+        drive: is given the messages and looked after.
+    """
+
+    open_ones: ClassVar[dict[str, MavlinkConnection]] = {}
+
+    def __init__(self, settings: MavlinkSettings) -> None:
+        os.environ.setdefault("MAVLINK20", "1")
+        mavutil = need("pymavlink.mavutil", "MAVLink")
+        self.dialect = need("pymavlink.dialects.v20.common", "MAVLink")
+        self.settings, self.users, self.begun = settings, 0, time.monotonic()
+        try:
+            self.port = mavutil.mavlink_connection(
+                settings.device,
+                baud=settings.baud,
+                source_system=settings.system_id,
+                source_component=COMPONENT,
+                dialect="common",
+                autoreconnect=True,
+            )
+        except (OSError, ValueError, IndexError) as error:
+            raise InputError(f"{settings.device}: cannot be opened ({error})") from None
+        self.others, self.heartbeat = set[int](), None
+        self.lock, self.closing, self.heard = threading.Lock(), threading.Event(), threading.Event()
+        self.drive: MavlinkDrive | None = None
+        self.thread = threading.Thread(target=self.listen, name="mavlink", daemon=True)
+        self.thread.start()
+
+    @classmethod
+    def open(cls, settings: MavlinkSettings) -> MavlinkConnection:
+        """The connection to that device, new or shared; each `open` wants a `close`."""
+        if settings.device not in cls.open_ones:
+            cls.open_ones[settings.device] = cls(settings)
+        connection = cls.open_ones[settings.device]
+        connection.users += 1
+        return connection
+
+    def close(self) -> None:
+        """Give it back; the last user closes it."""
+        self.users -= 1
+        if self.users or self.closing.is_set():
+            return
+        self.open_ones.pop(self.settings.device, None)
+        self.closing.set()
+        self.thread.join(2.0)
+        self.port.close()
+
+    def send(self, name: str, *values: Any) -> bool:
+        """Send the message of this name, such as `"heartbeat"`; False where the port is gone."""
+        with self.lock:
+            try:
+                getattr(self.port.mav, f"{name}_send")(*values)
+            except OSError:
+                return False
+        return True
+
+    def ask(self, command: int, *params: float) -> bool:
+        """Send a COMMAND_LONG to the autopilot."""
+        seven = (*params, *[0.0] * (7 - len(params)))
+        return self.send("command_long", self.settings.system_id, AUTOPILOT, command, 0, *seven)
+
+    def listen(self) -> None:
+        beaten, d = -math.inf, self.dialect
+        while not self.closing.is_set():
+            now = time.monotonic()
+            if now - beaten >= HEARTBEAT_EVERY:
+                beaten = now
+                self.send("heartbeat", d.MAV_TYPE_ONBOARD_CONTROLLER, d.MAV_AUTOPILOT_INVALID, 0, 0, 4)
+            if self.drive is not None:
+                self.drive.look_after()
+            try:
+                self.port.select(TICK)
+                while (message := self.port.recv_msg()) is not None:
+                    self.dispatch(message)
+            except OSError:  # a serial port is opened anew by pymavlink; the silence is noticed by the drive
+                self.closing.wait(TICK)
+
+    def dispatch(self, message: Any) -> None:
+        system, heartbeat = message.get_srcSystem(), message.get_type() == "HEARTBEAT"
+        if system != self.settings.system_id:
+            self.others |= {system} if heartbeat else set()
+        elif message.get_srcComponent() == AUTOPILOT and message.get_type() != "BAD_DATA":
+            if self.drive is not None:
+                self.drive.handle(message)
+            if heartbeat:
+                self.heartbeat = message
+                self.heard.set()
 
 
 class MavlinkDrive(Drive):
@@ -56,7 +168,7 @@ class MavlinkDrive(Drive):
     stands until `resume`, and neither mode nor arming are changed by themselves: who switches to MANUAL drives.
 
     Args:
-        connection: to the vehicle.
+        connection: to the vehicle; closed with the drive.
         arm: see `MavlinkDriveSettings`.
         report: called once for every event, with one line.
         now: the time, s.
@@ -74,44 +186,40 @@ class MavlinkDrive(Drive):
     ) -> None:
         self.connection, self.arm, self.report, self.now = connection, arm, report, now
         self.lock = threading.RLock()
-        self.standing, self.fault = True, NOT_YET
-        self.last_command, self.last_sent = float("-inf"), STAND
-        self.beat, self.moved = float("-inf"), float("-inf")
-        self.armed, self.mode, self.kind, self.battery = False, -1, -1, 0.0
-        self.yaw, self.yaw_rate, self.velocity = 0.0, 0.0, (0.0, 0.0)
+        self.standing, self.fault, self.sent, self.commanded = True, "", STAND, -math.inf
+        self.armed, self.mode, self.battery, self.yaw, self.yaw_rate = False, -1, 0.0, 0.0, 0.0
+        self.beat = self.moved = self.timed = -math.inf
         self.samples: list[tuple[float, float]] = []
-        self.last_driven: DriveCommand | None = None
+        self.measured: DriveCommand | None = None
         self.trips: deque[float] = deque(maxlen=1000)
-        self.timed = float("-inf")
-        connection.listeners.append(self.handle)
-        try:
-            self.handle(connection.await_vehicle())
-            if self.kind != connection.dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
-                raise InputError(f"{connection.settings.device}: the autopilot is of kind {self.kind}, not ArduPilot")
-        except BaseException:
-            connection.listeners.remove(self.handle)
-            raise
-        connection.ticks.append(self.look_after)
-
-    # What the loop calls.
+        device, vehicle = connection.settings.device, connection.settings.system_id
+        if not connection.heard.wait(GREETING):
+            heard = f"; heard systems {', '.join(map(str, sorted(connection.others)))}" if connection.others else ""
+            raise InputError(f"{device}: no heartbeat of system {vehicle}{heard}")
+        first: Any = connection.heartbeat
+        if first.autopilot != connection.dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+            raise InputError(f"{device}: the autopilot is of kind {first.autopilot}, not ArduPilot")
+        self.handle(first)
+        connection.drive = self
 
     def send(self, command: SafeCommand) -> DriveCommand:
         """Drive like this, if the safety layer made it; returns what was sent, a stop when it does not obey."""
         wanted, now = unseal(command), self.now()
         with self.lock:
-            self.last_command = now
+            self.commanded = now
             obeys = not self.standing and self.why_not() is None and now - command.time <= OLDEST_COMMAND
-            sent = wanted if obeys else STAND
-            self.last_sent = sent if self.set_point(sent) else STAND
-            return self.last_sent
+            self.sent = wanted if obeys and self.set_point(wanted) else STAND
+            if not obeys:
+                self.set_point(STAND)
+            return self.sent
 
     def set_point(self, command: DriveCommand) -> bool:
         """x is ahead and yaw rates are clockwise in the frame of the body of MAVLink."""
         c = self.connection
-        speed, turn = command.speed, -command.speed * command.curvature
-        frame = c.dialect.MAV_FRAME_BODY_NED
-        about = (c.boot_ms(), c.settings.system_id, AUTOPILOT, frame, VELOCITY_AND_YAW_RATE)
-        return c.send("set_position_target_local_ned", *about, 0, 0, 0, speed, 0, 0, 0, 0, 0, 0, turn)
+        boot_ms = int((time.monotonic() - c.begun) * 1e3) & 0xFFFFFFFF
+        about = (boot_ms, c.settings.system_id, AUTOPILOT, c.dialect.MAV_FRAME_BODY_NED, VELOCITY_AND_YAW_RATE)
+        turn = -command.speed * command.curvature
+        return c.send("set_position_target_local_ned", *about, 0, 0, 0, command.speed, 0, 0, 0, 0, 0, 0, turn)
 
     def stop(self) -> None:
         """A set-point of 0, and no other until `resume`; the autopilot brakes as it is set to."""
@@ -119,35 +227,25 @@ class MavlinkDrive(Drive):
         self.set_point(STAND)
 
     def resume(self) -> bool:
-        """Obey again if the autopilot does; where it may, it is armed and set to GUIDED, which takes until the next
-        attempt."""
-        with self.lock:
-            now = self.now()
-            if self.lost(now) is not None:
-                return False
-            d = self.connection.dialect
-            if self.arm and self.mode != GUIDED:
-                self.connection.ask(d.MAV_CMD_DO_SET_MODE, d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, GUIDED)
-            if self.arm and not self.armed:
-                self.connection.ask(d.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-            reason = self.why_not()
-            self.fault = reason or ""
-            self.standing = reason is not None
-            self.last_command = now
-            return reason is None
+        """Obey again if the autopilot does.
 
-    def lost(self, now: float) -> str | None:
-        if now - self.beat > HEARTBEAT_PATIENCE:
-            return f"lost: no heartbeat of the autopilot for {now - self.beat:.1f} s"
-        if now - self.moved > MOTION_PATIENCE and self.moved > float("-inf"):
-            return f"lost: no motion from the autopilot for {now - self.moved:.1f} s"
-        return None
+        Where it may, it is armed and set to GUIDED, which takes until the next attempt.
+        """
+        with self.lock:
+            d, reason = self.connection.dialect, self.why_not()
+            if self.arm and reason is not None and not reason.startswith("lost"):
+                self.connection.ask(d.MAV_CMD_DO_SET_MODE, d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, GUIDED)
+                self.connection.ask(d.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+            self.fault, self.standing, self.commanded = reason or "", reason is not None, self.now()
+            return reason is None
 
     def why_not(self) -> str | None:
         """Why the autopilot does not obey now."""
-        lost = self.lost(self.now())
-        if lost is not None:
-            return lost
+        now = self.now()
+        if now - self.beat > HEARTBEAT_PATIENCE:
+            return f"lost: no heartbeat of the autopilot for {now - self.beat:.1f} s"
+        if MOTION_PATIENCE < now - self.moved < math.inf:
+            return f"lost: no motion from the autopilot for {now - self.moved:.1f} s"
         if not self.armed:
             return "the autopilot is disarmed"
         if self.mode != GUIDED:
@@ -159,14 +257,15 @@ class MavlinkDrive(Drive):
         return self.fault or None
 
     def driven(self) -> DriveCommand:
-        """Mean of the speeds and curvatures that the autopilot measured since this was last asked; what was sent,
-        where it does not measure."""
+        """Mean of the speeds and curvatures that the autopilot measured since the last call; what was sent, where it
+        does not measure.
+        """
         with self.lock:
             samples, self.samples = self.samples, []
             if samples:
                 speed, turn = (sum(part) / len(samples) for part in zip(*samples, strict=True))
-                self.last_driven = DriveCommand(speed, turn / speed if abs(speed) > SLOW else 0.0)
-            return self.last_sent if self.last_driven is None else self.last_driven
+                self.measured = DriveCommand(speed, turn / speed if abs(speed) > SLOW else 0.0)
+            return self.measured or self.sent
 
     def telemetry(self) -> dict[str, Any]:
         """State of the autopilot; `link` is why it cannot be commanded, or None."""
@@ -178,27 +277,22 @@ class MavlinkDrive(Drive):
         return self.trips
 
     def close(self) -> None:
-        if self.handle in self.connection.listeners:
+        if self.connection.drive is self:
             self.stop()
-            self.connection.ticks.remove(self.look_after)
-            self.connection.listeners.remove(self.handle)
+            self.connection.drive = None
             self.connection.close()
 
-    # The reading thread.
-
     def look_after(self) -> None:
-        """Stop where the loop is silent or the autopilot has ended to obey; ask for motion; measure the round trip."""
+        """Stop where the loop is silent or the autopilot does not obey any more; ask for motion and the round trip."""
         now, d = self.now(), self.connection.dialect
         with self.lock:
             why = self.why_not()
-            if not self.standing and why is None and now - self.last_command > LOOP_PATIENCE:
-                why = f"the loop has sent nothing for {now - self.last_command:.2f} s"
-            news = why is not None and not self.standing
-            if news:
-                self.fault = str(why)
+            if why is None and now - self.commanded > LOOP_PATIENCE:
+                why = f"the loop has sent nothing for {now - self.commanded:.2f} s"
+            if why is not None and not self.standing:
+                self.fault = why
                 self.stop()
-        if news:
-            self.report(f"link: {why}")
+                self.report(f"link: {why}")
         if now - self.timed > 1.0:
             self.timed = now
             self.connection.send("timesync", 0, time.monotonic_ns())
@@ -207,10 +301,11 @@ class MavlinkDrive(Drive):
                     self.connection.ask(d.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / MOTION_RATE)
 
     def handle(self, message: Any) -> None:
+        """Take a message of the autopilot."""
         kind, now = message.get_type(), self.now()
         with self.lock:
             if kind == "HEARTBEAT":
-                self.beat, self.mode, self.kind = now, message.custom_mode, message.autopilot
+                self.beat, self.mode = now, message.custom_mode
                 self.armed = bool(message.base_mode & self.connection.dialect.MAV_MODE_FLAG_SAFETY_ARMED)
             elif kind == "ATTITUDE":
                 self.yaw, self.yaw_rate = message.yaw, message.yawspeed
@@ -222,8 +317,8 @@ class MavlinkDrive(Drive):
                 self.battery = message.voltage_battery / 1e3
             elif kind == "TIMESYNC" and message.tc1:
                 self.trips.append((time.monotonic_ns() - message.ts1) / 1e9)
-        if kind == "COMMAND_ACK" and message.result not in (0, 5):
-            self.report(f"link: the autopilot refuses command {message.command} (result {message.result})")
+            elif kind == "COMMAND_ACK" and message.result not in (0, 5):
+                self.report(f"link: the autopilot refuses command {message.command} (result {message.result})")
 
 
 @link("mavlink", MavlinkDriveSettings)

@@ -35,18 +35,17 @@ class Opening:
     """What is known when a link is opened.
 
     Attributes:
-        robot: name of the car.
+        board_name: name that the board must have.
         report: called for every event.
         simulation: the world in which the car is to move, where it is a simulated one.
     """
 
-    robot: str
+    board_name: str
     report: Report
     simulation: Simulation | None = None
 
 
-LINKS: Kinds[Opening, Drive] = Kinds("link", __package__)
-KINDS = LINKS.known
+LINKS = Kinds("link", __package__)
 link = LINKS.register
 
 

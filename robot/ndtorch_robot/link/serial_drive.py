@@ -138,4 +138,4 @@ class SerialDrive(LinkDrive):
 
 @link(SERIAL, SerialSettings)
 def open_serial(settings: SerialSettings, opening: Opening) -> SerialDrive:
-    return SerialDrive(settings.device, settings.baud, opening.robot, opening.report)
+    return SerialDrive(settings.device, settings.baud, opening.board_name, opening.report)

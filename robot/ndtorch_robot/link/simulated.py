@@ -45,7 +45,7 @@ class WorldSettings(Strict):
 
 @link(HOSTED_BOARD, HostedSettings)
 def open_hosted(settings: HostedSettings, opening: Opening) -> HostedDrive:
-    return HostedDrive(world_of(opening, HOSTED_BOARD), opening.robot, opening.report, settings.real_time)
+    return HostedDrive(world_of(opening, HOSTED_BOARD), opening.board_name, opening.report, settings.real_time)
 
 
 @link(SIMULATED_WORLD, WorldSettings)

@@ -11,7 +11,7 @@ from ndtorch.utils.toml import Strict, read_toml
 from ndtorch_robot.link import Opening, link, open_link
 from ndtorch_robot.link.link_drive import LinkDrive
 from ndtorch_robot.link.messages import Fault, Frame, Type
-from ndtorch_robot.link.registry import KINDS
+from ndtorch_robot.link.registry import LINKS
 from ndtorch_robot.ports import _SEAL, STAND, Drive, DriveCommand, SafeCommand, unseal
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig
@@ -52,11 +52,11 @@ def paper():
 
     @link("paper", PaperSettings)
     def open_paper(settings, opening):
-        made.append(PaperDrive(settings.pages, opening.robot))
+        made.append(PaperDrive(settings.pages, opening.board_name))
         return made[-1]
 
     yield made
-    del KINDS["paper"]
+    del LINKS["paper"]
 
 
 def folders(where, count=45):
@@ -74,7 +74,7 @@ def test_a_car_on_another_link(tmp_path, paper):
     folders(tmp_path)
     (tmp_path / "car.toml").write_text(
         f"""
-robot = "paper"
+board_name = "paper"
 [link]
 kind = "paper"
 pages = 7
@@ -109,7 +109,7 @@ frame_age_s = 0.2
 
 def test_the_simulated_world_is_a_link(tmp_path):
     (tmp_path / "car.toml").write_text(
-        'robot = "sim"\n[link]\nkind = "simulated-world"\n[simulation]\narena = "curve"\nseed = 11\n'
+        'board_name = "sim"\n[link]\nkind = "simulated-world"\n[simulation]\narena = "curve"\nseed = 11\n'
     )
     steps = []
     with open_car(read_toml(tmp_path / "car.toml", RunConfig), lambda line: None, True, [steps.append]) as car:
@@ -132,7 +132,7 @@ def test_the_simulated_world_is_a_link(tmp_path):
     ],
 )
 def test_bad_tables(tmp_path, paper, text, message):
-    (tmp_path / "car.toml").write_text(f'robot = "x"\n{text}\n[cameras]\nleft = "0"\nright = "1"\n')
+    (tmp_path / "car.toml").write_text(f'board_name = "x"\n{text}\n[cameras]\nleft = "0"\nright = "1"\n')
     with pytest.raises(InputError, match=message) as error:
         read_toml(tmp_path / "car.toml", RunConfig)
     assert "\n" not in str(error.value)

@@ -122,7 +122,7 @@ def test_a_bag_becomes_a_recording_that_replays(tmp_path, capsys, plugin, kind, 
 
 
 ROBOT = """
-robot = "x"
+board_name = "x"
 [link]
 kind = "simulated-world"
 [simulation]

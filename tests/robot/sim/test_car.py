@@ -139,7 +139,7 @@ def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
 def test_the_board_goes_on_while_frames_are_lost():
     """As with a car, whose cameras do not make its board wait."""
     simulation = SimulationTable(arena="curve", seed=3, disturbance="lost_ratio=0.8")
-    config = RunConfig(robot="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
+    config = RunConfig(board_name="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
     with open_car(config, lambda line: None, go=False) as car:
         world, pulses = car.drive.world, []
         world.pulsed = lambda pulse: pulses.append(pulse.time) if pulse.name == "motor" else None

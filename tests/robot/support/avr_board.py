@@ -208,7 +208,7 @@ def open_board(settings: BoardSettings, opening: Opening) -> BoardDrive:
     """Start the firmware and connect to it."""
     board = AvrBoard(settings.pulse_log)
     try:
-        return BoardDrive(board, opening.robot, opening.report, opening.simulation)
+        return BoardDrive(board, opening.board_name, opening.report, opening.simulation)
     except BaseException:
         board.close()
         raise

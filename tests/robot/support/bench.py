@@ -133,7 +133,7 @@ class Bench:
 def bench(**changes):
     """Opens and runs it in a thread, since that is where the pictures are drawn."""
     world = SimulationTable(arena="curve", seed=11)
-    config = RunConfig(robot="maxston8", link={"kind": "avr-board"}, simulation=world, **changes)
+    config = RunConfig(board_name="maxston8", link={"kind": "avr-board"}, simulation=world, **changes)
     lines, made, ready, failed = [], [], threading.Event(), []
 
     def work():

@@ -66,7 +66,7 @@ class FilmCar(Drive):
 
 def bare_loop(car, rig, observers=None, **navigation):
     """A loop that drives off at once."""
-    config = RunConfig(robot="bare", simulation=SimulationTable(), navigation=navigation)
+    config = RunConfig(board_name="bare", simulation=SimulationTable(), navigation=navigation)
     return make_car(config, car, rig, car, car, lambda line: None, True, observers or [], near_check=False)
 
 

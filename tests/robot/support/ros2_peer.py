@@ -1,15 +1,13 @@
 """A process that sees a car as ROS 2 does, over DDS, with message types written down here: it prints what it got.
 
-    python ros2_peer.py DOMAIN [SECONDS]
+    python ros2_peer.py DOMAIN
 
-It sends a command and a goal until its stdin ends, and prints when it has one message of every topic. With SECONDS it
-counts for that time instead, and prints rates and the ages of /odom.
+It sends a goal until its stdin ends, and prints when it has one message of every topic.
 """
 
 import json
 import select
 import sys
-import time
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
@@ -74,40 +72,16 @@ def fields(message):
     return message if message == message else None
 
 
-def rates(readers, seconds):
-    """Messages a second of each topic, and the median and the 99th percentile of the age of /odom, ms."""
-    counts, ages, end = dict.fromkeys(readers, 0), [], None
-    while end is None or time.time() < end:
-        for name, reader in readers.items():
-            for message in reader.take(50):
-                end = end or time.time() + seconds
-                counts[name] += 1
-                if name == "odom":
-                    stamp = message.header.stamp
-                    ages.append(1e3 * (time.time() - stamp.sec - stamp.nanosec * 1e-9))
-        time.sleep(0.001)
-    ages.sort()
-    figures = {f"{name}_hz": round(count / seconds, 1) for name, count in counts.items()}
-    return figures | {"p50_ms": round(ages[len(ages) // 2], 2), "p99_ms": round(ages[len(ages) * 99 // 100], 2)}
-
-
-def main(domain, seconds=None):
+def main(domain):
     kept, participant = Domain(domain, LO), DomainParticipant(domain)
     # As the defaults of ROS 2: reliable publishers, and subscribers that get on with them.
     qos = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(10))
     readers = {
         name: DataReader(participant, Topic(participant, f"rt/{name}", kind), qos=qos) for name, kind in TOPICS.items()
     }
-    if seconds is not None:
-        # A map takes this decoder longer than all that is measured.
-        del readers["map"]
-        print(json.dumps(rates(readers, seconds)), flush=True)
-        return
-    command = DataWriter(participant, Topic(participant, "rt/cmd_vel_smoothed", Twist_), qos=qos)
     goal = DataWriter(participant, Topic(participant, "rt/goal_pose", PoseStamped_), qos=qos)
     got, said = {}, False
     while not select.select([sys.stdin], [], [], 0.01)[0]:
-        command.write(Twist_(Vector3_(0.3, 0.0, 0.0), Vector3_(0.0, 0.0, -0.6)))
         pose = Pose_(Point_(3.0, -1.5, 0.0), Quaternion_(0.0, 0.0, 0.0, 1.0))
         goal.write(PoseStamped_(Header_(Time_(0, 0), "map"), pose))
         for name, reader in readers.items():
@@ -120,4 +94,4 @@ def main(domain, seconds=None):
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else None)
+    main(int(sys.argv[1]))
