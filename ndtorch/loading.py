@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ndtorch.binding.hub import download_model, is_hub_address
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.binding.models.registry import kind_of, load_folder
 from ndtorch.errors import InputError, did_you_mean
@@ -46,8 +45,7 @@ def load(
     """A model that comes with the package, or one of your own: `load("published", fps=30, border="reflect")`.
 
     Args:
-        model: one of `model_names()`, the path of a folder (see `BindingModel.save`), or `"hf://user/repo"`, a folder
-            on the Hugging Face Hub.
+        model: one of `model_names()`, or the path of a folder (see `BindingModel.save`).
         size: height and width of the frames, pixels; a single number means a square.
         fps: frames a second.
         border: "wrap" where the scene is a torus, "reflect" for video.
@@ -83,8 +81,6 @@ def model_folder(model: str | Path) -> Path:
         raise InputError(f"model must be a name or a path, got {type(model).__name__}")
     if str(model) in folders:
         return folders[str(model)]
-    if is_hub_address(model):
-        return download_model(str(model))
     if Path(model).is_dir():
         return Path(model)
     if isinstance(model, Path) or "/" in model:

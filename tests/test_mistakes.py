@@ -144,7 +144,7 @@ CASES = {
     "Training, scores and sweeps": """
         first-stage --gamma 0
         first-stage --radius 2
-        benchmark scenes --methods scalefree => did you mean scale-free?
+        benchmark over-time --methods scalefree => did you mean scale-free?
         benchmark scenes --seconds 1000
         benchmark scenes --scenes 0 => --scenes must be a number from 1
         benchmark hard --scenes -1

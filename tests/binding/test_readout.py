@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 import torch
 from hypothesis import given, settings
@@ -13,15 +11,13 @@ from torch import Tensor
 
 from ndtorch.binding.learning import settled
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.common_fate import coherent_patches
 from ndtorch.binding.readout.covariances import columns, single_table
 from ndtorch.binding.readout.joint_diagonalisation import diagonalise, sources_of
 from ndtorch.binding.readout.memory import AnswerMemory, count_confidence, each_confidence, no_answers, remember
 from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria
 from ndtorch.binding.readout.source_count import beside, motion_residual, undisturbed
 from ndtorch.binding.readout.sums import SumState, SumStatistics, sums_table
-from ndtorch.scenes import CommonFate
-from ndtorch.vision import FEATURES, GROUPS, CoherentMotion
+from ndtorch.vision import FEATURES, GROUPS
 
 MIXING = torch.zeros(3, 10)
 MIXING[0, [1, 4, 5, 7]] = torch.tensor([1.0, 0.9, 0.3, 1.0])
@@ -322,23 +318,3 @@ def covariances(*sources: tuple[float, list[float]]) -> torch.Tensor:
 STANDS = [0, 0, 0, 0, 0.2, 0.2, 0.2, 1, 1, 1]
 MOVES = [0, 0.5, 0, 0, 0.2, 0.2, 0.2, 1, 1, 1]
 BAR = [0, 1.0, 0, 0, 1, 0.3, 0, 1, 0, 0]
-
-
-@pytest.mark.parametrize(("ground", "coherence"), [(0.0, 1.0), (1.0, 1.0), (0.0, 0.5)])
-def test_a_patch_is_found_with_its_place_motion_and_outline(ground: float, coherence: float) -> None:
-    scene = CommonFate(1.6, seed=1, ground=ground, coherence=coherence)
-    motion = CoherentMotion(scene.size, 1 / scene.fps)
-    (found,) = coherent_patches(motion, motion.advance(scene.frames(0, scene.length)))
-    mask = scene.masks(scene.length - 1, scene.length)[0, 0]
-    assert math.dist(found.place, scene.centers(scene.length - 1, scene.length)[0, 0].tolist()) < 6
-    assert math.dist(found.velocity, scene.patches[0].velocity) < 3
-    overlap = float((found.mask & mask).sum() / (found.mask | mask).sum())
-    assert overlap > (0.75 if coherence == 1 else 0.6)
-
-
-def test_dots_that_move_each_its_own_way_are_no_patch_nor_is_light_alone() -> None:
-    scene = CommonFate(1.2, seed=2, patches=0)
-    motion = CoherentMotion(scene.size, 1 / scene.fps)
-    assert coherent_patches(motion, motion.advance(scene.frames(0, scene.length))) == []
-    light = torch.rand(20, 1, 1, 1, generator=torch.Generator().manual_seed(0)).expand(20, 3, *scene.size)
-    assert coherent_patches(motion, motion.advance(light)) == []

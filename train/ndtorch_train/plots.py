@@ -138,40 +138,6 @@ def draw_table(
     return [Shown(path, "The same as an image", "Lines span two standard errors on either side.")]
 
 
-def draw_scene_scores(rows: list[dict[str, Any]], folder: Path) -> list[Shown]:
-    """Count, F1 and ok of every method on every set of scenes."""
-    named = [row | {"case": f"{row['set']}, {row['seconds']:g} s"} for row in rows]
-    return draw_table(named, folder, "scores", "case", [("count", "count right"), ("f1", "F1"), ("ok", "ok")])
-
-
-def draw_common_fate(rows: list[dict[str, Any]], folder: Path) -> list[Shown]:
-    """Count, place and IoU against coherence, and against every other parameter."""
-    names = list(dict.fromkeys(row["condition"] for row in rows))
-    methods = list(dict.fromkeys(row["method"] for row in rows))
-    figure, flat = panels(3, len(names), 2.6 + 2.6 * len(names), 7.5, sharey=True, sharex="col")
-    words = {"density": "dots a pixel", "lifetime": "lifetime, s", "ground": "coherence of the ground"}
-    for column, name in enumerate(names):
-        values = list(dict.fromkeys(row["value"] for row in rows if row["condition"] == name))
-        for line, (what, head) in enumerate((("count", "count right"), ("place", "F of places"), ("iou", "IoU"))):
-            one = flat[line * len(names) + column]
-            for n, method in enumerate(methods):
-                mine = [row for row in rows if row["condition"] == name and row["method"] == method]
-                mine = [row for row in mine if row[what] is not None]
-                at, means = [values.index(row["value"]) for row in mine], [row[what] for row in mine]
-                errors = [2 * row[f"{what}_se"] for row in mine]
-                color = PALETTE[n % len(PALETTE)]
-                one.errorbar(at, means, errors, marker="o", ms=4, capsize=2, lw=1.5, color=color, label=method)
-            one.set_ylim(-0.05, 1.05)
-            one.grid(axis="y", color="0.9")
-            one.set_xticks(range(len(values)), [v if isinstance(v, str) else f"{v:g}" for v in values])
-            if column == 0:
-                one.set_ylabel(head)
-        flat[2 * len(names) + column].set_xlabel(words.get(name, name))
-    flat[0].legend(fontsize=7, loc="upper left")
-    path = save(figure, folder / "common-fate.png")
-    return [Shown(path, "The same as an image", "Lines: mean over scenes. Bars: two standard errors.")]
-
-
 def draw_reliability(rows: list[dict[str, Any]], folder: Path) -> list[Shown]:
     """Ratio of right answers against confidence; areas grow with the root of the number of answers."""
     figure, (one,) = panels(1, 1, 4, 4)

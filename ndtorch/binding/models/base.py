@@ -231,17 +231,14 @@ class BindingModel(nn.Module, ABC):
         """Write a folder (config.toml, weights.safetensors, README.md) that `ndtorch.load` gives back equal.
 
         Args:
-            path: of the folder, or `"hf://user/repo"` for one on the Hugging Face Hub, where versions are kept.
+            path: of the folder.
             overwrite: replace a model that is there. A card that is there is kept.
 
         Raises:
             InputError: the folder holds a model, or cannot be written.
         """
         from ndtorch.binding.first_stage import write_first_stage
-        from ndtorch.binding.hub import is_hub_address, upload_model
 
-        if is_hub_address(path):
-            return upload_model(self.save, str(path))
         folder, weights = as_path("path", path), self.first_stage()
         if not overwrite and (folder / "config.toml").exists():
             raise InputError(f"{folder} holds a model; say overwrite=True to replace it, or name another folder")

@@ -1,370 +1,241 @@
-"""Seeded random scenes of moving bars: as ten sums superposed of single bars, as rendered frames, and their truth.
-
-`python -m ndtorch_train.benchmark.bar_scenes` measures the single bars again and writes `single_bars.csv`.
-"""
+"""Seeded films of moving bars for the benchmark over time: grounds, noise, hues, sizes, speeds and frame rates."""
 
 from __future__ import annotations
 
 import colorsys
-import csv
 import functools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
 import ndtorch
 from ndtorch.binding.learning import settled
-from ndtorch.binding.normalise import divide, group_max, spread_groups
-from ndtorch.errors import InputError
-from ndtorch.scenes import Bar, BarScene
+from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.scenes import Bar, BarScene, three_bars, two_bars
 from ndtorch.scenes.base import RenderedScene
-from ndtorch.vision import FEATURES, GROUPS, VisualFeatures
-from ndtorch.vision.blocks import BLOCK, BlockLowPass, low_pass
-from ndtorch.vision.temporal import smoothing_factor
+from ndtorch.vision import VisualFeatures
 from ndtorch_train.benchmark.base import Split
 
-Floats = npt.NDArray[np.float32]
-
-FPS = 100.0
-SIZE = (500, 500)
+SECONDS = 45.0
+"""Duration of every film."""
+ALONE = 6.0
+"""Seconds for which each bar is filmed alone to measure its features, from 2 s on."""
 FIRST_SEED = {"tune": 0, "test": 1_000_000}
-"""Scene i of a split has this seed plus i."""
-MOST_SCENES = 1_000_000
-TAU_DELAY = 0.05
-"""Delay filter of the motion detectors, seconds."""
+"""Scene n of condition k has this seed plus 1000 k + n; no seed is in both splits."""
+FRAMES = (((120, 160), 30.0), ((200, 200), 30.0), ((160, 200), 60.0), ((300, 300), 30.0))
+"""Size in pixels and frame rate of the films, in turn."""
 DARKEST, BRIGHTEST = 0.25, 0.75
 """Range of a bar's brightness, that of the papers' shadow."""
-NOISE_DEVIATION = 0.15
-SWITCHING = 0.1
-"""Seconds that on-off brightness takes to change: a bar needs .24 s to cross the edge of a shadow."""
-HUE_GAP = 60.0
-Kind = Literal["sine", "noise", "on-off", "steady"]
-KINDS: tuple[Kind, ...] = ("sine", "noise", "on-off")
-
-SETTLE = 4.0
-"""Seconds every method gets before the clock of the score starts, as in the papers."""
-LONGEST = 104.0
-"""Seconds of brightness drawn for every scene, so that a scene does not depend on how long it is watched."""
-PRESENT = 1 / 3
-"""Share of its group's largest from which on a feature belongs to an object."""
-
-TABLE = Path(__file__).with_name("single_bars.csv")
-DIRECTIONS = 16
-ORIENTATIONS = 8
-LENGTH, WIDTH, SPEED = 50.0, 12.0, 50.0
-# The motion filters keep half a second; what is averaged covers every sub-pixel position.
-RISE, AVERAGED = 200, 40
-BAR_CANVAS = 320
-
-
-def direction_degrees(index: int) -> float:
-    """Direction of motion number `index`, counter-clockwise from right."""
-    return 360 / DIRECTIONS * index
-
-
-def orientation_degrees(index: int) -> float:
-    """Orientation number `index`, counter-clockwise, 0 = long axis vertical."""
-    return 180 / ORIENTATIONS * index
-
-
-def across(direction: int) -> int:
-    """The orientation of a bar that moves across its long axis in that direction."""
-    return direction % ORIENTATIONS
-
-
-def measure_bar(direction: int, orientation: int, size: int = BAR_CANVAS) -> Tensor:
-    """Mean sums of a white bar of steady full brightness, `[10]`, from `AVERAGED` rendered frames."""
-    bar = Bar(
-        (1.0, 1.0, 1.0),
-        direction_degrees(direction),
-        (size / 2, size / 2),
-        orientation_degrees(orientation),
-        SPEED,
-        LENGTH,
-        WIDTH,
-    )
-    scene = BarScene([bar], (RISE + AVERAGED) / 100, size=(size, size))
-    features = VisualFeatures((size, size), exact=False)
-    state, kept = None, []
-    with torch.inference_mode():
-        for n, frames in enumerate(scene.chunks(8)):
-            if 8 * (n + 1) <= RISE:
-                _, _, state = features.motion.scan(frames.mean(-3), state)
-            else:
-                sums, state = features(frames, state)
-                kept.append(sums)
-    mean: Tensor = torch.cat(kept).mean(0)
-    return mean
-
-
-@functools.cache
-def single_bars() -> Tensor:
-    """The measured table, `[DIRECTIONS, ORIENTATIONS, 10]`."""
-    table = torch.zeros(DIRECTIONS, ORIENTATIONS, 10)
-    with TABLE.open(encoding="utf-8") as file:
-        for direction, orientation, *sums in list(csv.reader(file))[1:]:
-            table[int(direction), int(orientation)] = torch.tensor([float(value) for value in sums])
-    return table
 
 
 @dataclass(frozen=True)
-class RandomBar:
-    """A bar of 50 x 12 pixels at 50 pixels a second.
+class Condition:
+    """What the films of one row of the table have in common.
 
     Attributes:
-        direction, orientation: numbers, see `single_bars`.
-        color: red, green and blue in 0..1.
-        start: column and row of the center in the first frame (for rendering; sums do not depend on it).
-        light: brightness over time at 100 samples a second, `[LONGEST * 100]`.
+        bars: numbers of bars, in turn.
+        hue_gap: smallest distance of two hues in degrees; 0: one hue for all bars.
+        grey: the film has no color.
+        one_orientation: all bars have the same orientation.
+        noise: standard deviation of the pixel noise, full scale is 1.
+        ground: mean brightness of the ground.
+        texture: the ground is smooth colored noise, .15 around its mean.
+        come_and_go: all bars but the first enter the film after its start and leave it before its end.
+        paper: the papers' scenes at phases of equal distance.
     """
 
-    direction: int
-    orientation: int
-    color: tuple[float, float, float]
-    start: tuple[float, float]
-    light: Floats = field(repr=False)
+    bars: tuple[int, ...] = (1, 2, 3)
+    hue_gap: float = 60.0
+    grey: bool = False
+    one_orientation: bool = False
+    noise: float = 0.0
+    ground: float = 0.0
+    texture: bool = False
+    come_and_go: bool = False
+    paper: bool = False
 
 
-@dataclass(frozen=True)
-class Scene:
-    """The bars in view, and the seed they were drawn with."""
-
-    seed: int
-    bars: tuple[RandomBar, ...]
-
-
-@dataclass(frozen=True)
-class Restriction:
-    """What the bars of a drawn scene have in common.
-
-    Attributes:
-        bars: how many; None takes 1, 2, 3 in turn with the seed.
-        same_color, same_direction: all bars take the first one's color, or its direction and orientation.
-        steady: nothing fluctuates.
-    """
-
-    bars: int | None = None
-    same_color: bool = False
-    same_direction: bool = False
-    steady: bool = False
-
-
-def seeds(split: Split, scenes: int) -> range:
-    """The seeds of the first `scenes` scenes of a split; the two splits have none in common."""
-    if split not in FIRST_SEED:
-        raise InputError(f"split must be tune or test, got {split!r}")
-    if not 1 <= scenes <= MOST_SCENES:
-        raise InputError(f"scenes must be between 1 and {MOST_SCENES}, got {scenes}")
-    return range(FIRST_SEED[split], FIRST_SEED[split] + scenes)
+CONDITIONS: Mapping[str, Condition] = {
+    "black, 1 to 3 bars": Condition(),
+    "black, 4 bars": Condition((4,)),
+    "two_bars, any phase": Condition((2,), paper=True),
+    "three_bars, any phase": Condition((3,), paper=True),
+    "noise 0.2 %": Condition(noise=0.002),
+    "noise 1 %": Condition(noise=0.01),
+    "noise 2 %": Condition(noise=0.02),
+    "grey ground .2": Condition(ground=0.2),
+    "grey ground .4": Condition(ground=0.4),
+    "grey ground .6": Condition(ground=0.6),
+    "grey ground .4, noise 1 %": Condition(ground=0.4, noise=0.01),
+    "textured ground .2": Condition(ground=0.2, texture=True),
+    "textured ground .4": Condition(ground=0.4, texture=True),
+    "textured ground .6": Condition(ground=0.6, texture=True),
+    "hues 30° apart": Condition((2, 3), hue_gap=30.0),
+    "one hue, 2 orientations": Condition((2,), hue_gap=0.0),
+    "equal bars": Condition((2, 3), hue_gap=0.0, one_orientation=True),
+    "grey film": Condition((1, 2, 3), grey=True),
+    "bars come and go": Condition((2, 3), come_and_go=True),
+}
+"""Rows of the table by name."""
 
 
-def draw_scene(seed: int, restriction: Restriction | None = None, seconds: float = LONGEST) -> Scene:
-    """The scene of that seed: 1-3 bars of random direction, orientation, color and brightness over time.
-
-    16 directions; half of the bars move across their long axis, the others have one of 8 orientations. Colors are
-    fully bright, of saturation .5-.95 and hues at least 60° apart. Brightness is a sinusoid (period .5-2.5 s), smoothed
-    noise (Gaussian of .08-.3 s) or on-off (.4-1.5 s each), around one half, for so many `seconds`: another number of
-    them draws another scene.
-    """
-    want = restriction or Restriction()
-    rng = np.random.default_rng(seed)
-    count = want.bars or seed % 3 + 1
-    hues = draw_hues(rng, count)
-    bars: list[RandomBar] = []
-    for n in range(count):
-        direction = int(rng.integers(DIRECTIONS))
-        free = int(rng.integers(ORIENTATIONS))
-        orientation = across(direction) if rng.random() < 0.5 else free
-        color = colorsys.hsv_to_rgb(hues[n] / 360, rng.uniform(0.5, 0.95), 1.0)
-        start = (float(rng.uniform(0, SIZE[1])), float(rng.uniform(0, SIZE[0])))
-        kind: Kind = "steady" if want.steady else KINDS[rng.integers(len(KINDS))]
-        light = draw_light(rng, kind, seconds)
-        if bars and want.same_color:
-            color = bars[0].color
-        if bars and want.same_direction:
-            direction, orientation = bars[0].direction, bars[0].orientation
-        bars.append(RandomBar(direction, orientation, color, start, light))
-    return Scene(seed, tuple(bars))
-
-
-@dataclass(frozen=True)
-class SceneSet:
-    """A set of scenes.
-
-    Attributes:
-        name: for tables.
-        restriction: what the bars of a scene have in common.
-        bars: numbers of bars, in turn with the seed.
-    """
-
-    name: str
-    restriction: Restriction
-    bars: tuple[int, ...]
-
-
-RANDOM = SceneSet("random", Restriction(), (1, 2, 3))
-ALIKE = (
-    SceneSet("four bars", Restriction(), (4,)),
-    SceneSet("same color", Restriction(same_color=True), (2, 3)),
-    SceneSet("same direction", Restriction(same_direction=True), (2, 3)),
-    SceneSet("equal bars", Restriction(same_color=True, same_direction=True), (2, 3)),
-)
-
-
-def scenes_of(chosen: SceneSet, split: Split, scenes: int) -> list[Scene]:
-    """The scenes of a set."""
-    r = chosen.restriction
-    return [
-        draw_scene(seed, Restriction(chosen.bars[seed % len(chosen.bars)], r.same_color, r.same_direction))
-        for seed in seeds(split, scenes)
-    ]
-
-
-def draw_hues(rng: np.random.Generator, count: int) -> Floats:
-    """Hues in degrees, every two at least `HUE_GAP` apart."""
-    while True:
-        hues = rng.uniform(0, 360, count)
-        gaps = np.abs(hues[:, None] - hues + 180) % 360 - 180
-        if (np.abs(gaps)[~np.eye(count, dtype=bool)] >= HUE_GAP).all():
-            return hues.astype(np.float32)
-
-
-def draw_light(rng: np.random.Generator, kind: Kind, seconds: float = LONGEST) -> Floats:
-    """Brightness over time, 100 samples a second."""
-    samples = round(seconds * FPS)
-    middle, swing = (BRIGHTEST + DARKEST) / 2, (BRIGHTEST - DARKEST) / 2
-    if kind == "sine":
-        period, phase = rng.uniform(0.5, 2.5), rng.uniform(0, 2 * math.pi)
-        light = middle + swing * np.sin(2 * math.pi * np.arange(samples) / FPS / period + phase)
-    elif kind == "noise":
-        sigma = rng.uniform(0.08, 0.3)
-        spectrum = np.fft.rfft(rng.standard_normal(samples))
-        smooth = np.fft.irfft(spectrum * np.exp(-0.5 * (2 * math.pi * np.fft.rfftfreq(samples, 1 / FPS) * sigma) ** 2))
-        smooth = (smooth - smooth.mean()) / smooth.std()
-        light = (middle + NOISE_DEVIATION * smooth).clip(0.05, 0.95)
-    elif kind == "on-off":
-        shortest, longest = 0.4, 1.5
-        lengths = np.round(FPS * rng.uniform(shortest, longest, math.ceil(seconds / shortest) + 1)).astype(int)
-        on = (np.arange(len(lengths)) + rng.integers(2)) % 2
-        light = np.repeat(DARKEST + (BRIGHTEST - DARKEST) * on, lengths)
-        ramp = round(SWITCHING * FPS)
-        light = np.convolve(light, np.full(ramp, 1 / ramp), mode="valid")[:samples]
-    else:
-        light = np.full(samples, middle)
-    drawn: Floats = light.astype(np.float32)
-    return drawn
-
-
-def gains(bar: RandomBar) -> Tensor:
-    """What the bar's brightness s adds to the ten sums, `[10]`: motion times s(t) LP(s)(t), the others times s(t)."""
-    white = single_bars()[bar.direction, bar.orientation]
-    color = torch.tensor(bar.color)
-    grey = color.mean()
-    motion, orientation, colors = (white[group] for group in GROUPS.values())
-    return torch.cat([motion * grey**2, orientation * grey, colors * color])
-
-
-def moving(light: Tensor) -> Tensor:
-    """s(t) LP(s)(t), the brightness as the motion detectors take it, `[..., T]`."""
-    slow, _ = low_pass(BlockLowPass(smoothing_factor(TAU_DELAY, 1 / FPS), BLOCK), light.unsqueeze(-1), light[..., :1])
-    return light * slow.squeeze(-1)
-
-
-def superposed(scenes: Sequence[Scene], seconds: float) -> Tensor:
-    """The ten sums of every scene at 100 samples a second, `[B, T, 10]`."""
-    steps = round(seconds * FPS)
-    total, motion = torch.zeros(len(scenes), steps, 10), GROUPS["motion"]
-    others = slice(motion.stop, None)
-    # Scenes with equally many bars go through the filter together.
-    for count in {len(scene.bars) for scene in scenes}:
-        at = [n for n, scene in enumerate(scenes) if len(scene.bars) == count]
-        light = torch.from_numpy(np.stack([[bar.light[:steps] for bar in scenes[n].bars] for n in at]))
-        strength = torch.stack([torch.stack([gains(bar) for bar in scenes[n].bars]) for n in at])
-        total[at] = torch.cat([moving(light).mT @ strength[..., motion], light.mT @ strength[..., others]], -1)
-    return total
-
-
-class RenderedBars(RenderedScene):
-    """The same scene as frames: bars on a ground, later ones over earlier ones, each times its own brightness.
+class Film(RenderedScene):
+    """Bars over a ground, later ones over earlier ones, with pixel noise, rounded to 8 bits.
 
     Args:
-        scene: the bars.
-        seconds: of the film.
-        fps: frames a second, of which `FPS` is a multiple.
-        speed, length, width: of the bars, pixels a second and pixels.
+        bars: each drawn bar by itself, from its own `BarScene` of one bar.
+        light: brightness of each bar in every frame, `[K, T]`; None for that of the scenes' fluctuation.
+        shown: seconds from which and until which each bar is in view.
+        ground: `[3, H, W]`.
+        noise: standard deviation.
+        seed: of the noise.
     """
 
     def __init__(
         self,
-        scene: Scene,
-        seconds: float,
-        fps: float = FPS,
-        speed: float = SPEED,
-        length: float = LENGTH,
-        width: float = WIDTH,
+        bars: Sequence[BarScene],
+        light: Tensor | None,
+        shown: Sequence[tuple[float, float]],
+        ground: Tensor,
+        noise: float = 0.0,
+        seed: int = 0,
     ) -> None:
-        super().__init__(f"random-{scene.seed}", seconds, fps, SIZE)
-        self.scene = scene
-        self.ground = torch.zeros(3, *SIZE)
-        self.light = [torch.from_numpy(bar.light[:: round(FPS / fps)].copy()) for bar in scene.bars]
-        bars = [
-            Bar(
-                b.color,
-                direction_degrees(b.direction),
-                b.start,
-                orientation_degrees(b.orientation),
-                speed,
-                length,
-                width,
-            )
-            for b in scene.bars
-        ]
-        self.bars = BarScene(bars, seconds, size=SIZE) if bars else None
-
-    def moments(self, start: int, stop: int) -> Tensor:
-        """For how many frames the bars have moved at each frame, `[T]`."""
-        return torch.arange(start, stop)
+        super().__init__(f"bars-{seed}", SECONDS, bars[0].fps, bars[0].size)
+        self.bars, self.light, self.shown, self.ground = bars, light, shown, ground
+        self.noise, self.seed = noise, seed
 
     def frames(self, start: int, stop: int) -> Tensor:
-        """Frames number `start` to `stop - 1`, `[T, 3, H, W]` float32 in 0..1."""
         canvas = self.ground.flatten(1).repeat(stop - start, 1, 1)
-        if self.bars is not None:
-            light = [light[start:stop] for light in self.light]
-            self.bars.paint(canvas, self.moments(start, stop).double() / self.fps, light)
-        return canvas.view(*canvas.shape[:-1], *self.size)
+        for k, (bar, (enters, leaves)) in enumerate(zip(self.bars, self.shown, strict=True)):
+            first, last = max(start, math.ceil(enters * self.fps)), min(stop, math.ceil(leaves * self.fps))
+            if first < last:
+                light = None if self.light is None else [self.light[k, first:last]]
+                bar.paint(canvas[first - start : last - start], torch.arange(first, last).double() / self.fps, light)
+        if self.noise:
+            generator = torch.Generator().manual_seed(1000 * self.seed + start)
+            canvas += self.noise * torch.randn(canvas.shape, generator=generator)
+        return (canvas.clamp_(0, 1) * 255).round_().div_(255).view(*canvas.shape[:-1], *self.size)
+
+    def alone(self, k: int) -> Film:
+        """Bar k by itself on black, without noise."""
+        light = None if self.light is None else self.light[k : k + 1]
+        film = Film(self.bars[k : k + 1], light, [(0, SECONDS)], torch.zeros_like(self.ground))
+        film.length = round(ALONE * self.fps)
+        return film
 
 
-def by_group(values: Tensor) -> Tensor:
-    """Each group of features divided by its own largest, `[..., 10]`; zero where a group has nothing positive."""
-    values = values.clamp_min(0)
-    return divide(values, spread_groups(group_max(values)))
+def draw_film(name: str, split: Split, number: int, count: int) -> Film:
+    """Film `number` of `count` of a condition.
 
-
-def present(values: Tensor) -> Tensor:
-    """Which features are there, `[..., 10]` bool: at least a third of the largest of their group."""
-    return by_group(values) >= PRESENT
-
-
-def true_features(scenes: Sequence[Scene], first_stage: Tensor) -> list[Tensor]:
-    """Features of every bar of every scene, each `[bars, 10]` bool.
-
-    A bar's own fluctuating sums, each group over its largest, go through the settled first stage,
-    `(I + W)^-1`; what comes out at a third of its group's largest or more is a feature of the bar.
+    Bars move in any direction at 20 to 150 pixels a second; half of them move across their long axis, the others have
+    any orientation, 30° apart from each other's where bars have one hue or none. Brightness is a sine (period .5 to
+    2.5 s), smoothed noise, or on and off.
     """
-    bars = [bar for scene in scenes for bar in scene.bars]
-    strength = torch.stack([gains(bar) for bar in bars])
-    light = torch.from_numpy(np.stack([bar.light for bar in bars]))
-    through_motion, direct = moving(light).std(-1, keepdim=True), light.std(-1, keepdim=True)
-    own = torch.cat([strength[:, :4] * through_motion, strength[:, 4:] * direct], -1)
-    features = present(by_group(own) @ settled(first_stage).T)
-    return list(torch.split(features, [len(scene.bars) for scene in scenes]))
+    c, seed = CONDITIONS[name], FIRST_SEED[split] + 1000 * list(CONDITIONS).index(name) + number
+    rng, bars = np.random.default_rng(seed), c.bars[number % len(c.bars)]
+    if c.paper:
+        return paper_film(bars, 360 * (number + (0.5 if split == "tune" else 0.0)) / count, rng)
+    size, fps = FRAMES[number % len(FRAMES)]
+    length = rng.uniform(0.12, 0.16) * min(size)
+    hues = apart(rng, bars, 360, c.hue_gap) if c.hue_gap else np.full(bars, rng.uniform(0, 360))
+    tilts = apart(rng, bars, 180, 0.0 if c.hue_gap and not c.grey else 30.0)
+    saturation = 0.0 if c.grey else rng.uniform(0.6, 1)
+    drawn, light = [], []
+    for n in range(bars):
+        tilt = tilts[0] if c.one_orientation else tilts[n]
+        direction = tilt + 180 * rng.integers(2) if rng.random() < 0.5 else rng.uniform(0, 360)
+        color = colorsys.hsv_to_rgb(hues[n] / 360, saturation, 1.0)
+        start = (rng.uniform(0, size[1]), rng.uniform(0, size[0]))
+        bar = Bar(color, direction, start, tilt, rng.uniform(20, 150), length, max(4.0, length / 4))
+        drawn.append(BarScene([bar], SECONDS, size=size, fps=fps))
+        light.append(draw_light(rng, fps))
+    shown = [(0.0, SECONDS)] * bars
+    if c.come_and_go:
+        shown[1:] = [(rng.uniform(8, 16), rng.uniform(26, 36)) for _ in shown[1:]]
+    ground = torch.full((3, *size), c.ground)
+    if c.texture:
+        noise = torch.randn(1, 3, *size, generator=torch.Generator().manual_seed(seed))
+        smooth = torch.nn.functional.avg_pool2d(torch.nn.functional.pad(noise, (4, 4, 4, 4), mode="circular"), 9, 1)[0]
+        ground = (ground + 0.15 * smooth / smooth.std()).clamp(0, 1)
+    return Film(drawn, torch.from_numpy(np.stack(light)).float(), shown, ground, c.noise, seed)
+
+
+def paper_film(bars: int, phase: float, rng: np.random.Generator) -> Film:
+    """The papers' two or three bars in the sine shadow, from other starting positions than theirs."""
+    x, y = rng.uniform(-60, 60, 2)
+    scene = (two_bars if bars == 2 else three_bars)(SECONDS, phase=phase, shift=(x, y), fps=25.0)
+    single = [BarScene([bar], SECONDS, scene.fluctuation, scene.size, scene.fps) for bar in scene.bars]  # type: ignore[list-item]
+    return Film(single, None, [(0, SECONDS)] * bars, torch.zeros(3, *scene.size))
+
+
+def apart(rng: np.random.Generator, count: int, period: float, gap: float) -> np.ndarray:
+    """Angles in a period, every two at least `gap` apart."""
+    while True:
+        angles = rng.uniform(0, period, count)
+        distances = np.abs((angles[:, None] - angles + period / 2) % period - period / 2)
+        if (distances[~np.eye(count, dtype=bool)] >= gap).all():
+            return angles
+
+
+def draw_light(rng: np.random.Generator, fps: float) -> np.ndarray:
+    """Brightness over time, one value a frame."""
+    time = np.arange(round(SECONDS * fps)) / fps
+    middle, swing = (BRIGHTEST + DARKEST) / 2, (BRIGHTEST - DARKEST) / 2
+    kind = rng.integers(3)
+    if kind == 0:
+        return middle + swing * np.sin(2 * np.pi * (time / rng.uniform(0.5, 2.5) + rng.random()))
+    if kind == 1:
+        sigma, white = rng.uniform(0.08, 0.3), np.fft.rfft(rng.standard_normal(len(time)))
+        smooth = np.fft.irfft(
+            white * np.exp(-0.5 * (2 * np.pi * np.fft.rfftfreq(len(time), 1 / fps) * sigma) ** 2), len(time)
+        )
+        return (middle + 0.15 * (smooth - smooth.mean()) / smooth.std()).clip(0.05, 0.95)
+    switches = np.cumsum(rng.uniform(0.4, 1.5, 200))
+    on = np.searchsorted(switches, time + np.linspace(-0.05, 0.05, 11)[:, None]) % 2
+    return DARKEST + (BRIGHTEST - DARKEST) * on.mean(0)
+
+
+class Sums(NamedTuple):
+    """The ten sums of a film, `[T, 10]`; the features of its bars, `[K, 10]` bool; and when each is in view."""
+
+    sums: Tensor
+    truth: Tensor
+    shown: Sequence[tuple[float, float]]
+    fps: float
+
+
+def film_sums(film: Film) -> Tensor:
+    """The ten sums of every frame, `[T, 10]`."""
+    features, state, sums = VisualFeatures(film.size, 1 / film.fps), None, []
+    with torch.inference_mode():
+        for frames in film.chunks(8):
+            out, state = features(frames, state)
+            sums.append(out)
+    return torch.cat(sums)
+
+
+def kept_sums(film: Film, path: Path) -> Sums:
+    """The sums and the truth of a film, from the file or computed and written there.
+
+    The features of a bar are those of its own fluctuations, filmed alone on black, through the settled first stage:
+    at least a third of the largest of their group.
+    """
+    if not path.exists():
+        alone = [film_sums(film.alone(k))[round(2 * film.fps) :].std(0) for k in range(len(film.bars))]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(".part.npz")
+        np.savez(partial, sums=film_sums(film).numpy(), alone=torch.stack(alone).numpy())
+        partial.replace(path)
+    with np.load(path) as kept:
+        sums, alone = torch.from_numpy(kept["sums"]), torch.from_numpy(kept["alone"])
+    refined = features_by_group(alone, 0.0) @ settled(first_stage()).mT
+    return Sums(sums, features_by_group(refined) > 0, film.shown, film.fps)
 
 
 @functools.cache
@@ -373,20 +244,3 @@ def first_stage() -> Tensor:
     weights = ndtorch.load("published").first_stage()
     assert weights is not None
     return weights
-
-
-def main() -> None:
-    """Measure all bars and write the table."""
-    torch.set_num_threads(1)
-    with TABLE.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["direction", "orientation", *FEATURES])
-        for direction in range(DIRECTIONS):
-            for orientation in range(ORIENTATIONS):
-                sums = measure_bar(direction, orientation).tolist()
-                writer.writerow([direction, orientation, *(f"{value:.5g}" for value in sums)])
-                print(direction, orientation, flush=True)
-
-
-if __name__ == "__main__":
-    main()

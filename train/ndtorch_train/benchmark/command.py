@@ -58,66 +58,21 @@ class Seeded(Options):
 
 
 @dataclass(frozen=True)
-class Scenes(Seeded):
-    """Score binding methods on seeded random scenes of bars and the papers' bars."""
-
-    methods: tuple[str, ...] = (
-        "published", "cooperative", "hebbian", "scale-free, owners", "scale-free", "greedy", "ica", "nmf",
-    )  # fmt: skip
-    """Methods to compare; picard, sobi, mm-ica, easi and retinotopic can be named too."""
-    sets: tuple[str, ...] = ("random",)
-    """Groups of sets: random, alike (four bars, or bars of one color or direction), bars (the papers' bars), rendered
-    (the random scenes as frames, about 10 s each) and textured (for retinotopic)."""
-    scenes: int = 300
-    """Number of scenes of each set: 1, 2 and 3 bars in turn."""
-    seconds: tuple[float, ...] = (15.0, 60.0)
-    """When to score: seconds after the 4 s that filters get to settle."""
-
-    def benchmark(self) -> Benchmark:
-        """The scenes of bars."""
-        from ndtorch_train.benchmark.scenes import scene_benchmark
-
-        return scene_benchmark("scenes", self.methods, self.sets, self.scenes, self.seconds, self.split)
-
-
-@dataclass(frozen=True)
-class Hard(Seeded):
-    """Score binding methods on hard scenes: many objects, faint ones, noise, lamps, objects that come and go."""
-
-    methods: tuple[str, ...] = ("scale-free", "ica", "sobi", "retinotopic")
-    """Methods to compare, as those of `ndtorch benchmark scenes`."""
-    scenes: int = 48
-    """Number of scenes of each set."""
-
-    def benchmark(self) -> Benchmark:
-        """The hard sets."""
-        from ndtorch_train.benchmark.scenes import scene_benchmark
-
-        return scene_benchmark("hard", self.methods, ("hard",), self.scenes, (15.0,), self.split)
-
-
-@dataclass(frozen=True)
 class OverTime(Seeded):
-    """Score binding methods at every second of rendered scenes: accuracy over time."""
+    """Score the number and the features of moving bars at every second, beside simple peers."""
 
-    methods: tuple[str, ...] = ("scale-free", "published", "ica", "picard")
-    """Methods to compare, as those of `ndtorch benchmark scenes`; offline ones get the last 15 s."""
-    sets: tuple[str, ...] = (
-        "random", "two bars", "three bars", "distance", "random shadow", "crossings", "border", "textured ground",
-    )  # fmt: skip
-    """Sets of scenes."""
-    scenes: int = 12
-    """Number of scenes of each set, times four of random (one to four bars) and two of two and three bars (phases)."""
-    seconds: float = 120.0
-    """How long every scene is watched."""
-    fps: float = 100.0
-    """Frames a second, 100 or a whole part of it; a frame takes 3 ms of one core."""
+    methods: tuple[str, ...] = ("scale-free", "published", "retinotopic", "color rank", "FastICA")
+    """Methods to compare."""
+    films: tuple[str, ...] = ()
+    """Rows of the table; none for all."""
+    count: int = 8
+    """Number of films a row."""
 
     def benchmark(self) -> Benchmark:
-        """The scenes, second by second."""
-        from ndtorch_train.benchmark.over_time import over_time_benchmark
+        """The films."""
+        from ndtorch_train.benchmark.over_time import CONDITIONS, over_time_benchmark
 
-        return over_time_benchmark(self.methods, self.sets, self.scenes, self.seconds, self.split, self.fps)
+        return over_time_benchmark(self.methods, self.films or tuple(CONDITIONS), self.count, self.split)
 
 
 @dataclass(frozen=True)
@@ -137,24 +92,6 @@ class Foreground(Seeded):
 
 
 @dataclass(frozen=True)
-class CommonFate(Seeded):
-    """Score methods that find patches of random dots that only their common motion shows."""
-
-    methods: tuple[str, ...] = ()
-    """Methods to compare: coherent, retinotopic, foreground, dis, farneback and mog2; none for all."""
-    conditions: tuple[str, ...] = ()
-    """Which of coherence, density, lifetime, ground and patches are varied; none for all."""
-    scenes: int = 6
-    """Number of scenes of each condition."""
-
-    def benchmark(self) -> Benchmark:
-        """The scenes of dots."""
-        from ndtorch_train.benchmark.common_fate import fate_benchmark
-
-        return fate_benchmark(self.methods, self.conditions, self.scenes, self.split)
-
-
-@dataclass(frozen=True)
 class ShapeIdentification(Seeded):
     """Score methods that identify a shape of moving dots, among two, as psychophysics of common fate does."""
 
@@ -170,22 +107,6 @@ class ShapeIdentification(Seeded):
         from ndtorch_train.benchmark.shape_identification import shape_benchmark
 
         return shape_benchmark(self.methods, self.conditions, self.films, self.split)
-
-
-@dataclass(frozen=True)
-class Mixtures(Seeded):
-    """Score blind separation of random mixtures, as online independent component analysis is."""
-
-    mixtures: int = 5
-    """Number of mixtures of each kind and correlation."""
-    samples: int = 30_000
-    """Number of samples of a mixture."""
-
-    def benchmark(self) -> Benchmark:
-        """The mixtures."""
-        from ndtorch_train.benchmark.mixtures import mixture_benchmark
-
-        return mixture_benchmark(self.mixtures, self.samples, self.split)
 
 
 @dataclass(frozen=True)
@@ -213,13 +134,9 @@ class BenchmarkCommand:
     """
 
     subcommands: ClassVar[Mapping[str, type[Options]]] = {
-        "scenes": Scenes,
-        "hard": Hard,
         "over-time": OverTime,
         "foreground": Foreground,
-        "common-fate": CommonFate,
         "shape-identification": ShapeIdentification,
-        "mixtures": Mixtures,
         "ranges": Ranges,
     }
 
