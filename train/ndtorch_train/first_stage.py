@@ -11,13 +11,7 @@ from ndtorch.errors import InputError
 from ndtorch.utils.files import write_text
 
 if TYPE_CHECKING:
-    from torch import Tensor
-
     from ndtorch.binding import FirstStage
-
-
-SHARING = ("scale-free", "retinotopic")
-"""Models beside published that have the same first stage, as a copy."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +44,7 @@ class FirstStageOptions:
 
 
 def write_first_stage(gamma: float, radius: float, folder: Path) -> FirstStage:
-    """Train the three networks and write `config.toml`, `weights.safetensors` and `README.md`."""
+    """Train the three networks and write `config.toml` and `weights.safetensors`."""
     import torch
 
     from ndtorch.binding import train_first_stage
@@ -70,70 +64,7 @@ def write_first_stage(gamma: float, radius: float, folder: Path) -> FirstStage:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_weights(stage, folder / "weights.safetensors")
-        for name in SHARING if folder.name == "published" else ():
-            if (folder.parent / name).is_dir():
-                write_weights(stage, folder.parent / name / "weights.safetensors")
         write_text(folder / "config.toml", config_text(PublishedConfig()))
-        write_text(folder / "README.md", card(gamma, radius, stage))
     except OSError as error:
         raise InputError(f"{folder} cannot be written: {error.strerror}") from None
     return stage
-
-
-def card(gamma: float, radius: float, stage: FirstStage) -> str:
-    """The model's README: how it was made, and what came out."""
-    import torch
-
-    from ndtorch.binding import spectral_radius
-
-    parts = [HEAD.format(gamma=gamma, radius=radius, seconds=stage.seconds)]
-    off = stage.orientation[~torch.eye(3, dtype=torch.bool)]
-    claims = {
-        "motion": f"All weights are {float(stage.motion[0, 1]):.4f}; the paper prints about 0.3.",
-        "orientation": "The paper prints about 0.45 for all weights. They come out less alike here, "
-        f"{float(off.min()):.2f} to {float(off.max()):.2f}:\nthe orientation filters are as large as the stimulus, "
-        "and its edges treat 0°, along the pixel grid, differently\nfrom 60° and 120°.",
-        "color": f"All weights are {float(stage.color[0, 1]):.4f}; the paper prints about 0.45.",
-    }
-    for name, weights in (("motion", stage.motion), ("orientation", stage.orientation), ("color", stage.color)):
-        parts += [f"## {name}", "", claims[name], ""]
-        parts += [matrix(weights), ""] if name == "orientation" else []
-        parts += [f"Spectral radius {float(spectral_radius(weights)):.4f}.", ""]
-    return "\n".join(parts)
-
-
-def matrix(weights: Tensor) -> str:
-    """Rows of numbers, indented as a code block."""
-    return "\n".join("    " + "  ".join(f"{w:.4f}" for w in row) for row in weights.tolist())
-
-
-HEAD = """# published
-
-The binding model of the dissertation [B, C]: ten sums over the whole field, three fixed networks that refine them, one
-that learns, all with feedback delayed by their own step of 10 ms; objects are read from the weights.
-`ndtorch.load("published")`; `rule` is competitive, cooperative or hebbian.
-
-**For** the published stimuli, and for comparison. **Not for** video of a camera (load `foreground`) nor scenes of
-unknown objects (load `scale-free`, or `retinotopic`, which also says where they are).
-
-## How it was made
-
-    ndtorch first-stage --gamma {gamma:g} --radius {radius:g}
-
-on the contracting rings of [B eq. 25-27] (100 x 100 pixels, 100 frames a second, learning from 4 s on, each network
-until its spectral radius reached {radius:g}), {seconds:.1f} simulated seconds, nothing random. The second stage learns
-as it looks. All other constants are printed in the papers, or
-[chosen where they are silent](../../docs/binding.md#choices-that-the-papers-leave-open).
-
-## How it was measured, and where it fails
-
-[Claims of the papers](../README.md) and [random scenes](../../docs/accuracy.md#random-scenes). Bars alike in everything
-are one object. At high learning rates the outputs alternate from step to step; the verdict says so. On a road camera it
-says `learning`, and claims nothing.
-
-## Export
-
-The whole forward, for fixed chunk lengths, also to ONNX ([models](../../docs/models.md#export)).
-
-## Weights
-"""

@@ -17,6 +17,7 @@ from ndtorch.utils.files import replacing
 from ndtorch.vision import FEATURES
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -182,44 +183,38 @@ UNITS = {
 """Units of the parameters of sweeps."""
 
 
-def draw_heat_map(rows: list[dict[str, Any]], axes: Sequence[str], value: str, title: str, path: Path) -> Path:
-    """Means of a result over two parameters, a panel for every value of a third, of which at most six are shown.
+def draw_heat_map(frame: pandas.DataFrame, axes: Sequence[str], value: str, title: str, path: Path) -> Path:
+    """Means of a result over two parameters, a panel for each of at most six values of a third.
 
     Args:
-        rows: a trial each.
+        frame: a row a trial.
         axes: names of the parameters along x, along y, and from panel to panel; "" for none.
         value: name of the result.
         title: of the sweep.
         path: to write.
     """
     import matplotlib
+    import pandas
 
     x, y, by = axes
-    kinds = sorted({row[by] for row in rows})[:6] if by else [None]
+    frame = frame.assign(**{name: binned(frame[name]) for name in (x, y) if name})
+    kinds = sorted(frame[by].unique())[:6] if by else [None]
     figure, shown = panels(1, len(kinds), 1.2 + 5.2 * len(kinds), 4.6, sharey=True)
-    columns, column_of = binned([row[x] for row in rows])
-    lines, line_of = binned([row[y] for row in rows]) if y else ([""], lambda _: 0)
-    numbers = [float(row[value]) for row in rows if row[value] is not None]
-    low, high = (min(numbers), max(numbers)) if numbers else (0.0, 1.0)
-    if low >= 0 and high <= 1:
-        low, high = 0.0, 1.0
+    numbers = frame[value].astype(float)
+    low, high = (0.0, 1.0) if numbers.between(0, 1).all() else (numbers.min(), numbers.max())
     colors = matplotlib.colormaps["cividis"].with_extremes(bad="0.9")
     for one, kind in zip(shown, kinds, strict=True):
-        total, count = np.zeros((2, len(lines), len(columns)))
-        for row in rows:
-            if (not by or row[by] == kind) and row[value] is not None:
-                at = line_of(row[y]) if y else 0, column_of(row[x])
-                total[at] += float(row[value])
-                count[at] += 1
-        means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        part = frame if kind is None else frame[frame[by] == kind]
+        means = pandas.pivot_table(part.assign(**{value: numbers}), value, [y] if y else [], [x])
         image: Any = one.imshow(means, origin="lower", aspect="auto", cmap=colors, vmin=low, vmax=high)
-        for axis, labels in ((one.xaxis, columns), (one.yaxis, lines)):
-            step = max(1, -(-len(labels) // 12))
-            axis.set_ticks(range(0, len(labels), step), labels[::step])
-        one.set(xlabel=with_unit(x), title=f"{by} {short(kind)}" if by else value)
+        for axis, labels in ((one.xaxis, means.columns), (one.yaxis, means.index)):
+            step = -(-len(labels) // 12)
+            names = [f"{label:.3g}" if isinstance(label, float) else str(label) for label in labels[::step]]
+            axis.set_ticks(range(0, len(labels), step), names)
+        one.set(xlabel=with_unit(x), title=f"{by} {kind}" if by else value)
     shown[0].set_ylabel(with_unit(y))
     figure.colorbar(image, ax=shown, label=value)
-    figure.suptitle(f"{title}: mean {value} of {len(rows)} trials", fontsize=11)
+    figure.suptitle(f"{title}: mean {value} of {len(frame)} trials", fontsize=11)
     return save(figure, path)
 
 
@@ -228,16 +223,10 @@ def with_unit(name: str) -> str:
     return f"{name} ({UNITS[name]})" if name in UNITS else name
 
 
-def short(value: Any) -> str:
-    """A parameter's value in few characters."""
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+def binned(values: pandas.Series) -> pandas.Series:
+    """More than 40 different numbers as the lower edges of twelve bins."""
+    import pandas
 
-
-def binned(values: Sequence[Any]) -> tuple[list[str], Any]:
-    """Labels of places along an axis, and the place of a value; more than 40 values are put into twelve bins."""
-    unique = sorted(set(values))
-    if len(unique) <= 40:
-        return [short(value) for value in unique], {value: k for k, value in enumerate(unique)}.__getitem__
-    edges = np.quantile(values, np.linspace(0, 1, 13))
-    labels = [f"{a:.3g}" for a in edges[:-1]]
-    return labels, lambda value: int(np.clip(np.searchsorted(edges, value, side="right") - 1, 0, 11))
+    if values.nunique() <= 40:
+        return values
+    return pandas.qcut(values, 12, duplicates="drop").map(lambda bin: bin.left).astype(float)

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import FeatureParams, Grid, GridMap, MatchParams, Pose, Ranges, StereoRanging, StereoRig
-from ndtorch.navigation.controllers.registry import controller_class
-
-if TYPE_CHECKING:
-    from ndtorch_robot.ports import Step
 
 RATE = 30.0
 Arrays = dict[str, npt.NDArray[Any]]
@@ -67,41 +61,12 @@ class Recorded(NamedTuple):
         return found
 
 
-def record_drive(
-    options: Mapping[str, Any],
-    report: Callable[[int, int], None] | None = None,
-    thresholds: Mapping[str, float] | None = None,
-) -> Arrays:
-    """Drive and keep the drive as arrays.
-
-    Args:
-        options: fields of `ndtorch_robot.config.DriveConfig`.
-        report: called with the steps made and to make.
-        thresholds: fields of the controller's `Params`, in place of their defaults.
-
-    Raises:
-        InputError: thresholds that the controller does not have.
-    """
+def record_drive(options: Mapping[str, Any]) -> Arrays:
+    """Drive and keep the drive as arrays; `options` are fields of `ndtorch_robot.config.DriveConfig`."""
     from ndtorch_robot.config import load_config
-    from ndtorch_robot.drive import drive, drive_runner
-    from ndtorch_robot.sim.arenas import load_arena
+    from ndtorch_robot.drive import drive
 
-    config = load_config(None, dict(options))
-    runner = drive_runner(config, load_arena(config.arena, config.seed))
-    changed: dict[str, Any] = dict(thresholds or {})
-    if changed:
-        kind = controller_class(config.controller)
-        strange = set(changed) - {item.name for item in fields(kind.Params)}
-        if strange:
-            raise InputError(f"controller {config.controller!r} has no parameter {', '.join(sorted(strange))}")
-        runner.navigator.controller = kind(runner.rig, 1 / RATE, kind.Params(**changed))
-    total = round(config.seconds * RATE)
-
-    def tell(step: Step) -> None:
-        if report is not None:
-            report(step.number + 1, total)
-
-    result = drive(config, [tell], runner=runner)
+    result = drive(load_config(None, dict(options)))
     record, grid, world = result.record, result.grid, result.simulation.world
     names = ("time", "pose", "believed", "sides", "difference", "mode")
     return {

@@ -12,10 +12,8 @@ from torch import Tensor
 from ndtorch.binding import PublishedModel, object_table, train_first_stage
 from ndtorch.vision import FEATURES, GROUPS
 from ndtorch_train.plots import (
-    BLUE,
     GREEN,
     ORANGE,
-    PURPLE,
     feature_legend,
     matrix_panel,
     output_panel,
@@ -30,10 +28,8 @@ from ndtorch_train.reproduce.signals import (
     Run,
     draw_runs,
     learn,
-    one_trial,
     owners,
     rendered,
-    share_in,
     superposed,
 )
 
@@ -145,11 +141,10 @@ def number_of_bars(context: Context, seconds: float, phase_step: int, offset_ste
     scenes = ("one-bar", "two-bars", "three-bars")
     wanted = (["red"], PAIR, ["red", "green", "blue"])
     found, shown = [], []
-    for k, name in enumerate(scenes):
+    for name in scenes:
         one = learn(rendered(context, name, seconds=4.0 + seconds))
         found.append(owners(one.final))
         shown.append((name.replace("-", " "), one, found[-1], 10.0))
-        context.report(0.3 * (k + 1))
     caption = "One, two and three bars: outputs of the second stage, and weights over their largest."
     made = {"phase": 290, "blue_offset": 20, "seconds": seconds}
     draw_runs(context, shown, "B10-number-of-bars", "B fig. 10", caption, **made)
@@ -206,10 +201,9 @@ def fluctuations(context: Context, seconds: float, patterns: int, gamma: float) 
     """Shadow, distance and random shadow."""
     right, runs = [], []
     for seed in range(patterns):
-        sums = rendered(context, "two-bars-random", 1 / (patterns + 2), seed=seed, seconds=4.0 + seconds)
+        sums = rendered(context, "two-bars-random", seed=seed, seconds=4.0 + seconds)
         runs.append(learn(sums, gamma=torch.tensor(gamma)))
         right.append(owners(runs[-1].final) == PAIR)
-        context.report((seed + 1) / (patterns + 2))
     sine, distance = (learn(rendered(context, f"two-bars{k}", seconds=4.0 + seconds)) for k in ("", "-distance"))
     each = (("sine shadow", sine, 10.0), ("distance", distance, 10.0), ("random shadow, pattern 0", runs[0], None))
     shown = [(name, run, owners(run.final), until) for name, run, until in each]
@@ -227,54 +221,3 @@ def fluctuations(context: Context, seconds: float, patterns: int, gamma: float) 
     }
     ours = f"distance {'right' if numbers['distance'] == PAIR else 'wrong'}; random {sum(right)} of {patterns} patterns"
     return judged(context, ours, "The paper shows one pattern.", parts, numbers)
-
-
-def learning_rates(context: Context, seconds: float, phase_step: int, rates: list[float]) -> Outcome:
-    """Learning rates up to 20 times the usual one, at every phase, from superposed sums."""
-    phases = [float(p) for p in range(0, 360, phase_step)]
-    red, green, _ = superposed(context, phases, [20.0], 4.0 + seconds)
-    sums = (red + green).repeat(len(rates), 1, 1)
-    run = learn(sums, gamma=torch.tensor(rates).repeat_interleave(len(phases)))
-    trials = [one_trial(run.state, i) for i in range(len(sums))]
-    verdicts = np.array([run.model.verdict(t) for t in trials]).reshape(len(rates), -1)
-    exact = np.array([owners(t.second.weights) == PAIR for t in trials]).reshape(len(rates), -1)
-    alternating = verdicts == "alternating"
-    right = exact & ~alternating
-    figure, axes = panels(1, 2, 13, 4)
-    state = np.where(right, 2, np.where(alternating, 0, 1))
-    from matplotlib.colors import ListedColormap
-
-    colors = ListedColormap(["#cc79a7", "#d9d9d9", "#0072b2"])
-    axes[0].pcolormesh(phases, range(len(rates)), state, cmap=colors, vmin=0, vmax=2, edgecolors="w", lw=0.5)
-    axes[0].set_yticks(range(len(rates)), [f"{r:g}" for r in rates])
-    axes[0].set(
-        title="blue: right; grey: other objects; pink: alternating",
-        xlabel="lead of the green bar over the red one (degrees)",
-        ylabel="learning rate (1/s)",
-        xticks=range(0, 360, 60),
-    )
-    axes[1].bar(range(len(rates)), right.sum(1), color=BLUE, width=0.6, label="exactly red and green")
-    axes[1].bar(
-        range(len(rates)), alternating.sum(1), bottom=right.sum(1), color=PURPLE, width=0.6, label="alternating"
-    )
-    axes[1].set_xticks(range(len(rates)), [f"{r:g}" for r in rates])
-    axes[1].set(title="phases", xlabel="learning rate (1/s)", ylabel=f"of {len(phases)}", ylim=(0, len(phases)))
-    axes[1].legend(frameon=False)
-    caption = "What high learning rates do, at every phase; sums superposed from lone bars."
-    context.draw("B-learning-rates", figure, "after B §3.4.1", caption, rates=rates, phases=phases, seconds=seconds)
-    counts = {f"{rate:g}": int(n) for rate, n in zip(rates, right.sum(1), strict=True)}
-    locked = {f"{rate:g}": int(n) for rate, n in zip(rates, alternating.sum(1), strict=True)}
-    numbers = {"phases": phases, "right": counts, "alternating": locked, "share in columns": mean_shares(run, rates)}
-    usual = counts[f"{rates[0]:g}"]
-    fast = [n for rate, n in zip(rates, right.sum(1), strict=True) if rate >= 10 * rates[0]]
-    parts = {"10 times the usual rate right at as many phases as the usual one (less 10 %)": max(fast) >= 0.9 * usual}
-    ours = "; ".join(f"{rate}: {n}" for rate, n in counts.items()) + f" of {len(phases)} phases"
-    why = f"Wrong owners join in, mostly up, and outputs alternate from step to step at {locked} phases."
-    return judged(context, ours, why, parts, numbers)
-
-
-def mean_shares(run: Run, rates: list[float]) -> list[float]:
-    """Mean share of weight in the right columns at each rate."""
-    shares = [share_in(w, (N_RED, N_GREEN)) for w in run.final]
-    means: list[float] = np.array(shares).reshape(len(rates), -1).mean(1).round(3).tolist()
-    return means

@@ -1,8 +1,11 @@
-"""`ndtorch reproduce`."""
+"""`ndtorch reproduce`: runs the claims and writes a page, JSON and a Markdown table."""
 
 from __future__ import annotations
 
+import base64
 import functools
+import json
+import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,12 +15,21 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.run.folder import place_for
 from ndtorch.utils.workers import Report, cores, run_tasks
 
 if TYPE_CHECKING:
-    from ndtorch_train.reproduce.experiment import Claim
-    from ndtorch_train.reproduce.page import Entry
+    from ndtorch_train.reproduce.experiment import Claim, Entry
+
+COLORS = {
+    "holds": ("#0072b2", "✓"),
+    "partly": ("#b07800", "◐"),
+    "does not hold": ("#c0392b", "✗"),
+    "not run in quick": ("#777777", "○"),
+}
+"""Color and mark of every verdict."""
+
+BEGIN, END = "<!-- claims: begin -->", "<!-- claims: end -->"
+"""Marks in a Markdown file between which `--table` writes."""
 
 
 @dataclass(frozen=True)
@@ -25,169 +37,174 @@ class Reproduce:
     """Reproduce the published results: every claim of the three papers, or those named (A1 to C9).
 
     Writes report.html, a page with the table of claims and all figures that opens offline, claims.json, and the
-    figures as SVG and PNG. Results are kept: a run that was stopped goes on where it was. With other options or other
-    code it writes into a new folder, reproduce-2, and computes only the claims whose code or parameters have changed.
+    figures as SVG and PNG. A stopped run continues: results with the same parameters and version are kept.
     """
 
-    ids: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """Claims, for instance B5 C7; none for all."""
-    out: Path = Path("out/reproduce")
+    ids: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[ID ...]")] = ()
+    """Claims, for instance B5 C7; all of them by default."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/reproduce")
     """Folder to write to."""
-    force: bool = False
-    """Write into this folder whatever is in it."""
     quick: bool = False
-    """Fewer and shorter trials, under two minutes; claims that need more are left out and say so."""
+    """Fewer and shorter trials, under two minutes; claims without a quick form are left out."""
     jobs: int | None = None
-    """Processes (default: one for every core this process may use)."""
-    table: Path | None = None
-    """Also put the table of claims into this Markdown file, between its marks."""
-    clip: Path | None = None
-    """Video of a road camera that B9 uses too."""
+    """Processes (default: one for each core)."""
+    table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Markdown file that gets the table of claims, between its marks."""
+    clip: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Video of a road camera for claim B9."""
     fresh: bool = False
-    """Use no result of an earlier run; write into a new folder."""
+    """Compute every claim anew."""
     open: bool = False
-    """Show report.html in the browser when it is written."""
+    """Show report.html in the browser."""
     json: bool = False
-    """Print what claims.json holds and nothing else."""
+    """Print claims.json and nothing else."""
 
     def run(self) -> int:
-        """Do it; returns the exit code."""
+        """Run the claims; returns the exit code."""
         from ndtorch.report.page import NAME, open_in_browser
         from ndtorch_train.reproduce.claims import chosen
-        from ndtorch_train.reproduce.experiment import code_of, with_better
-        from ndtorch_train.reproduce.page import markdown, publish, put_table, tally
+        from ndtorch_train.reproduce.experiment import load_result
 
         claims = chosen(self.ids)
         if self.clip is not None:
             if not self.clip.is_file():
                 raise InputError(f"--clip {self.clip}: no such file")
-            claims = [looking_at(claim, self.clip) for claim in claims]
+            clip = str(self.clip)
+            claims = [replace(c, full={**c.full, "clip": clip}) if "clip" in c.full else c for c in claims]
         jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
             raise InputError(f"--jobs must be at least 1, got {jobs}")
-        tried = with_better(claims)
-        made_by = {claim.id: [code_of(claim.uses), claim.parameters(self.quick)] for claim in tried}
-        settings = {"command": "reproduce", "quick": self.quick, "claims": made_by}
-        place = place_for(self.out, settings, self.fresh, self.force)
-        place.take_over("cache")
-        out = place.folder
         try:
-            entries, failed = self.collect(claims, jobs, out)
-            publish(entries, out, self.quick, self.words())
+            if self.fresh:
+                shutil.rmtree(self.out / "results", ignore_errors=True)
+                shutil.rmtree(self.out / "data", ignore_errors=True)
+            self.out.mkdir(parents=True, exist_ok=True)
+            todo = [claim for claim in claims if load_result(claim, self.quick, self.out) is None]
+            failed = compute(todo, self.quick, jobs, self.out)
+            entries = [entry for claim in claims if (entry := load_result(claim, self.quick, self.out)) is not None]
+            command = " ".join(["ndtorch reproduce", *self.ids, *(["--quick"] if self.quick else [])])
+            publish(entries, self.out, self.quick, command)
             if self.table is not None:
-                put_table(self.table, markdown(entries, self.quick, self.words()))
+                put_table(self.table, markdown(entries, self.quick, command))
         except OSError as error:
-            raise InputError(f"{error.filename or out} cannot be written: {error.strerror}") from None
+            raise InputError(f"{error.filename or self.out} cannot be written: {error.strerror}") from None
         if self.json:
-            print((out / "claims.json").read_text(encoding="utf-8").strip())
+            print((self.out / "claims.json").read_text(encoding="utf-8").strip())
         else:
             for entry in entries:
                 print(f"{entry.claim.id:4}{entry.outcome.verdict:17}{entry.outcome.ours}")
-                if entry.better is not None:
-                    claim, outcome, *_ = entry.better
-                    print(f"{claim.id:4}{outcome.verdict:17}{claim.parts}: {outcome.ours}")
-            print(f"{tally(entries)}; written to {out / NAME}")
+            print(f"{tally(entries)}; written to {self.out / NAME}")
         if self.open:
-            open_in_browser(out / NAME)
+            open_in_browser(self.out / NAME)
         for name, why in failed.items():
             print(f"error: {name} could not be tried: {why.strip()}", file=sys.stderr)
         return 1 if failed else 0
 
-    def words(self) -> str:
-        """The command, for the page."""
-        parts = ["ndtorch reproduce", *self.ids]
-        return " ".join([*parts, "--quick"] if self.quick else parts)
 
-    def collect(self, claims: Sequence[Claim], jobs: int, out: Path) -> tuple[list[Entry], dict[str, str]]:
-        """Results of all claims, from the cache or computed now, and why some could not be had."""
-        from ndtorch.utils.signals import parts_kept
-        from ndtorch_train.reproduce.experiment import ResultCache, with_better
-        from ndtorch_train.reproduce.page import Entry, not_run
-
-        store = ResultCache(out / "cache")
-        store.folder.mkdir(exist_ok=True)
-        todo, other_code = [], []
-        wanted = [claim for claim in with_better(claims) if claim.parameters(self.quick) is not None]
-        for claim in wanted:
-            result, outdated = store.load(claim, self.quick)
-            if result is None:
-                todo.append(claim)
-            if outdated:
-                other_code.append(claim.id)
-        if other_code:
-            print(f"note: results of {', '.join(other_code)} are of other code and not used", file=sys.stderr)
-
-        def finished() -> int:
-            return sum(store.load(claim, self.quick)[0] is not None for claim in wanted)
-
-        with parts_kept(out, "results", len(wanted), finished):
-            failed = compute(todo, self.quick, jobs, store.folder)
-
-        def entry(claim: Claim) -> Entry | None:
-            """What is known of a claim; None if it could not be tried."""
-            better = None if claim.better is None else entry(claim.better)
-            if claim.parameters(self.quick) is None:
-                return not_run(claim)._replace(better=better)
-            result, _ = store.load(claim, self.quick)
-            if result is None:
-                return None
-            place = store.place(claim, self.quick)
-            return Entry(claim, result["outcome"], result["parameters"], result["drawings"], place, better)
-
-        return [found for found in map(entry, claims) if found is not None], failed
-
-
-def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> dict[str, str]:
+def compute(claims: Sequence[Claim], quick: bool, jobs: int, out: Path) -> dict[str, str]:
     """Run experiments in `jobs` processes with a progress bar; returns why claims failed, by claim."""
-    if not claims:
-        return {}
     from ndtorch.run.progress import progress_bar
-    from ndtorch_train.reproduce.experiment import code_of
 
-    def cost(claim: Claim) -> float:
-        return claim.seconds[1 if quick else 0]
-
-    ordered = sorted(claims, key=cost, reverse=True)  # long ones first, so that no core waits at the end
-    shares = [0.0] * len(ordered)
+    ordered = sorted(claims, key=lambda claim: claim.seconds, reverse=True)
     failed: dict[str, str] = {}
-    form = "{desc} {percentage:3.0f}% |{bar}| {elapsed} gone, {remaining} left{postfix}"
-    with progress_bar(sum(map(cost, ordered)), desc="claims", bar_format=form) as bar:
-        tasks = [(claim, code_of(claim.uses)) for claim in ordered]
-        for kind, index, value in run_tasks(functools.partial(_task, quick=quick, folder=folder), tasks, jobs):
-            claim = ordered[index]
-            if kind == "progress":
-                new = max(shares[index], min(float(value), 0.99))
-            elif kind == "again":
-                words = f"note: the process of {claim.id} died ({value}); {claim.id} is run again"
-                bar.write(words, file=sys.stderr)
-                continue
-            else:
-                new = 1.0
-                if kind == "failed":
-                    failed[claim.id] = str(value)
-            bar.update((new - shares[index]) * cost(claim))
-            shares[index] = new
-            bar.set_postfix_str(f"{sum(s == 1.0 for s in shares)} of {len(shares)} done")
+    with progress_bar(len(ordered), desc="claims") as bar:
+        for kind, index, value in run_tasks(functools.partial(_task, quick=quick, out=out), ordered, jobs):
+            if kind == "failed":
+                failed[ordered[index].id] = str(value)
+            if kind in ("done", "failed"):
+                bar.update()
     return failed
 
 
-def _task(task: tuple[Claim, str], report: Report, *, quick: bool, folder: Path) -> None:
-    """One experiment and the fingerprint of its code, in a process of its own."""
-    from ndtorch.utils.tensors import tune_allocator
+def _task(claim: Claim, report: Report, *, quick: bool, out: Path) -> None:
     from ndtorch_train.reproduce.experiment import run_claim
 
-    tune_allocator()
-    try:
-        run_claim(task[0], quick, folder, task[1], report)
-    except (BrokenPipeError, ConnectionResetError):
-        raise  # the reader is gone
-    except OSError as error:
-        raise InputError(f"{error.filename or folder} cannot be written: {error.strerror}") from None
+    run_claim(claim, quick, out)
 
 
-def looking_at(claim: Claim, clip: Path) -> Claim:
-    """The claim on this clip too, if it is one of video."""
-    if "clip" not in claim.full:
-        return claim
-    better = None if claim.better is None else looking_at(claim.better, clip)
-    return replace(claim, full=dict(claim.full) | {"clip": str(clip)}, better=better)
+def publish(entries: Sequence[Entry], out: Path, quick: bool, command: str) -> None:
+    """Write report.html, claims.json and figures/ into `out`."""
+    from ndtorch.report.page import NAME, render, versions
+
+    figures = out / "figures"
+    figures.mkdir(exist_ok=True)
+    for entry in entries:
+        for drawing in entry.drawings:
+            for kind in ("svg", "png"):
+                shutil.copy(entry.folder / f"{drawing['name']}.{kind}", figures)
+    data = {"quick": quick, "command": command, "claims": [as_json(entry) for entry in entries]}
+    (out / "claims.json").write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    page = render(
+        "claims.html",
+        Path(__file__).with_name("templates"),
+        title="Published results, reproduced",
+        entries=entries,
+        tally=tally(entries),
+        quick=quick,
+        colors=COLORS,
+        data_address=data_address,
+        command=command,
+        facts=versions("ndtorch-robot", "ndtorch-train"),
+    )
+    (out / NAME).write_text(page, encoding="utf-8")
+
+
+def as_json(entry: Entry) -> dict[str, object]:
+    """A claim as claims.json has it."""
+    claim, outcome = entry.claim, entry.outcome
+    return {
+        "id": claim.id,
+        "source": claim.source,
+        "claim": claim.text,
+        "printed": claim.printed,
+        "ours": outcome.ours,
+        "tolerance": claim.tolerance,
+        "verdict": outcome.verdict,
+        "why": outcome.why,
+        "parameters": entry.parameters,
+        "numbers": outcome.numbers,
+        "figures": [drawing["name"] for drawing in entry.drawings],
+    }
+
+
+def tally(entries: Sequence[Entry]) -> str:
+    """How many claims hold, in words."""
+    verdicts = [entry.outcome.verdict for entry in entries]
+    counts = [f"{verdicts.count(verdict)} {verdict}" for verdict in COLORS if verdict in verdicts]
+    return f"of {len(verdicts)} claims {', '.join(counts)}"
+
+
+def markdown(entries: Sequence[Entry], quick: bool, command: str) -> str:
+    """The table of claims for a Markdown page; the report names the criteria that were not met."""
+    lines = [
+        f"Written by `{command}`: {tally(entries)}." + (" A quick run: fewer or shorter trials." if quick else ""),
+        "",
+        "| | claim | printed | ours | tolerance | verdict | why |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for entry in entries:
+        claim, outcome = entry.claim, entry.outcome
+        verdict = outcome.verdict if outcome.verdict == "holds" else f"**{outcome.verdict}**"
+        why = outcome.why.partition("Not met: ")[0].strip()
+        cells = [f"{claim.text} [{claim.source}]", claim.printed, outcome.ours, claim.tolerance, verdict, why]
+        cells = [cell.replace("|", "\\|").replace("\n", " ") for cell in cells]
+        lines.append(f"| {claim.id} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def put_table(path: Path, table: str) -> None:
+    """Put the table between the marks of a Markdown file, or at its end where it has none."""
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    if BEGIN in text and END in text:
+        before, rest = text.split(BEGIN, 1)
+        text = f"{before}{BEGIN}\n{table}{END}{rest.split(END, 1)[1]}"
+    else:
+        text = f"{text.rstrip()}\n\n{BEGIN}\n{table}{END}\n".lstrip()
+    path.write_text(text, encoding="utf-8")
+
+
+def data_address(entry: Entry, name: str) -> str:
+    """A figure as a data address: the drawing, or the pixels where they are smaller."""
+    svg, png = ((entry.folder / f"{name}.{kind}").read_bytes() for kind in ("svg", "png"))
+    data, kind = (svg, "svg+xml") if len(svg) <= 3 * len(png) else (png, "png")
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"

@@ -13,35 +13,17 @@ from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldM
 from ndtorch_robot.evaluation.plots import draw_plan
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, YELLOW, panels
-from ndtorch_train.recorded import RATE, Arrays, Recorded, from_arrays, record_drive
+from ndtorch_train.recorded import RATE, Recorded, from_arrays, record_drive
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
-
-DRIVES = ("ndtorch.vision", "ndtorch.navigation", "ndtorch_robot", "ndtorch_train.recorded")
-"""Code that a drive depends on."""
 
 PUBLISHED = {"controller": "published", "features": 5, "feature_position": "motion"}
 """What is printed in place of the defaults of `ndtorch drive`."""
 
 
-def recorded(
-    context: Context, arena: str, seed: int, seconds: float, share: tuple[float, float] = (0.0, 1.0), **options: Any
-) -> Recorded:
-    """Drive with the published controller, or look up the drive.
-
-    Args:
-        share: where this drive begins and ends within the experiment, for the progress.
-        options: other fields of `ndtorch_robot.config.DriveConfig`.
-    """
+def recorded(context: Context, arena: str, seed: int, seconds: float, **options: Any) -> Recorded:
+    """Drive with the published controller, or look up the drive; `options`: other fields of `DriveConfig`."""
     key = {"arena": arena, "seed": seed, "seconds": seconds, **PUBLISHED, **options}
-
-    def report(made: int, total: int) -> None:
-        if made % 30 == 0:
-            context.report(share[0] + (share[1] - share[0]) * made / total)
-
-    def make() -> Arrays:
-        return record_drive(key, report)
-
-    return from_arrays(context.stored("drive", key, DRIVES, make), arena, seed)
+    return from_arrays(context.stored("drive", key, lambda: record_drive(key)), arena, seed)
 
 
 def path_panel(axes: Any, seen: Recorded) -> None:
@@ -71,27 +53,16 @@ def free_driving(
     other: list[str],
     seed: int,
     other_seconds: float,
-    better: str = "",
 ) -> Outcome:
-    """The curved hallway for minutes, and arenas with walls met head-on.
-
-    Args:
-        better: the controller that drives instead of the published one.
-    """
+    """The curved hallway for minutes, and arenas with walls met head-on."""
     tasks = [("curve", s, curve_seconds) for s in curve_seeds] + [(a, seed, other_seconds) for a in other]
-    # What belongs to the controller is published with it, or as the package has it.
-    options: dict[str, Any] = {"controller": better, "features": 7, "stereo": "features"} if better else {}
-    drives = []
-    for n, (arena, s, seconds) in enumerate(tasks):
-        drives.append(recorded(context, arena, s, seconds, (n / len(tasks), (n + 1) / len(tasks)), **options))
+    drives = [recorded(context, arena, s, seconds) for arena, s, seconds in tasks]
     shown = [drives[0], *drives[len(curve_seeds) :]]
     figure, axes = panels(1, len(shown), 6.2 * len(shown), 6)
     for one, seen in zip(axes, shown, strict=True):
         path_panel(one, seen)
-    who = better or "published"
-    caption = f"Paths of the {who} controller: a hallway whose walls are met obliquely, and walls met head-on."
-    name = f"A8-paths-{better}" if better else "A8-paths"
-    context.draw(name, figure, "A fig. 8", caption, drives=tasks)
+    caption = "Paths of the published controller: a hallway whose walls are met obliquely, and walls met head-on."
+    context.draw("A8-paths", figure, "A fig. 8", caption, drives=tasks)
 
     def troubles(seen: Recorded) -> int:
         return len(seen.collisions) + len(seen.stops)
@@ -114,9 +85,8 @@ def free_driving(
     ours = f"curve {fine:.1f} min without trouble; " + "; ".join(words)
     first = [n["first trouble at"] for n in numbers.values() if n["first trouble at"] is not None]
     why = f"The first trouble comes after {min(first):.0f}-{max(first):.0f} s." if first else ""
-    if not better:
-        head_on = "At walls met head-on it stops for good (both sides low) or hits them."
-        why = f"Walls met obliquely are avoided. {head_on} {why}".strip()
+    head_on = "At walls met head-on it stops for good (both sides low) or hits them."
+    why = f"Walls met obliquely are avoided. {head_on} {why}".strip()
     return judged(context, ours, why, parts, numbers)
 
 
@@ -194,7 +164,6 @@ def speed(context: Context, seconds: float) -> Outcome:
                 step()
                 times.append((time.process_time() - start) / 8)
             rates[name] = 1 / float(np.median(times))
-            context.report(0.5)
     figure, (one,) = panels(1, 1, 7, 2.6)
     one.barh(list(rates), list(rates.values()), color=[BLUE, GREEN])
     one.axvline(1000, color=BLACK, ls="--", lw=1)

@@ -1,23 +1,19 @@
-"""What a claim and its outcome are, where experiments work, and the cache of their results."""
+"""Claims and outcomes, the folder in which experiments work, and the results they keep there."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 import numpy.typing as npt
-
-from ndtorch.errors import InputError
-from ndtorch.utils.files import TABLE_BYTES, hold, load_arrays, read_text, save_arrays
-from ndtorch.utils.packages import code_digest
-from ndtorch.utils.workers import Report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,12 +23,12 @@ Arrays = dict[str, npt.NDArray[Any]]
 DPI = 110
 
 Verdict = Literal["holds", "partly", "does not hold", "not run in quick"]
-"""Whether a claim passed; the last is for claims that take too long for a quick look."""
+"""Whether a claim passed; the last is for claims that have no quick form."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one experiment found.
+    """The result of one experiment.
 
     Attributes:
         ours: our value, in words as short as the printed one.
@@ -52,19 +48,15 @@ class Claim:
     """A published result and the experiment that tries it.
 
     Attributes:
-        id: A1 to A9, B1 to B9 and C1 to C9 as in the table of claims; B10 is a sentence of [B §3.4.1].
+        id: A1 to A9, B1 to B9 and C1 to C9.
         source: where it is printed.
-        text: what is claimed.
+        text: the claim.
         printed: the printed value, or what the figure shows.
         tolerance: what counts as reproduced.
         run: the experiment, `run(context, **parameters)`.
         full: its parameters.
         quick: those of `--quick`; None where there is no quick form.
-        seconds: how long it takes on one core, full and quick, to order the work and guess the time left.
-        uses: modules and packages whose code the result depends on, as `ndtorch.utils.packages` takes them.
-        better: the same claim, source and tolerance, tried with parts that came later; its name ends in +. None where
-            the claim holds as published, or where there are none.
-        parts: which parts those are; empty for the published ones.
+        seconds: on one core in the full form; long ones start first.
     """
 
     id: str
@@ -75,58 +67,24 @@ class Claim:
     run: Callable[..., Outcome]
     full: Mapping[str, Any]
     quick: Mapping[str, Any] | None
-    seconds: tuple[float, float]
-    uses: tuple[str, ...]
-    better: Claim | None = None
-    parts: str = ""
-
-    def parameters(self, quick: bool) -> Mapping[str, Any] | None:
-        """The parameters of that kind of run."""
-        return self.quick if quick else self.full
-
-
-def with_better(claims: Sequence[Claim]) -> list[Claim]:
-    """The claims, and behind each the same with better parts, where there are any."""
-    return [one for claim in claims for one in (claim, claim.better) if one is not None]
-
-
-def verdict_of(*parts: bool) -> Verdict:
-    """All parts of a claim hold, some do, or none."""
-    if all(parts):
-        return "holds"
-    return "partly" if any(parts) else "does not hold"
-
-
-def digest(value: Any) -> str:
-    """Twelve hexadecimal digits of anything that JSON can hold."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:12]
-
-
-def code_of(uses: Sequence[str]) -> str:
-    """Twelve hexadecimal digits of the code of those modules, and of the version of torch."""
-    return code_digest(tuple(uses))[:12]
+    seconds: float
 
 
 class Context:
-    """One experiment's workplace.
+    """The folder of one experiment.
 
     Attributes:
-        quick: whether shorter or fewer trials are wanted.
-        drawings: figures made so far: name of the files without `.svg` and `.png`, title (the figure of a paper that it
-            is drawn after), caption, and the parameters they were computed with.
+        quick: shorter or fewer trials.
+        drawings: figures so far: name of the files without `.svg` and `.png`, title (the figure of the paper), caption
+            and parameters.
     """
 
-    def __init__(self, folder: Path, store: Path, quick: bool, report: Report) -> None:
+    def __init__(self, folder: Path, store: Path, quick: bool) -> None:
         self.folder, self.store, self.quick = folder, store, quick
-        self._report = report
         self.drawings: list[dict[str, Any]] = []
 
-    def report(self, share: float) -> None:
-        """Tell how much of the experiment is done, 0..1."""
-        self._report(share)
-
     def draw(self, name: str, figure: Figure, title: str, caption: str, first: str = "a", **parameters: Any) -> None:
-        """Keep a figure as SVG and PNG; its panels get letters from `first` on."""
+        """Write a figure as SVG and PNG; its panels get letters from `first` on."""
         import matplotlib
 
         from ndtorch_train.plots import letters
@@ -139,109 +97,73 @@ class Context:
         figure.savefig(self.folder / f"{name}.png", dpi=DPI)
         self.drawings.append({"name": name, "title": title, "caption": caption, "parameters": parameters})
 
-    def stored(self, kind: str, key: Mapping[str, Any], uses: Sequence[str], make: Callable[[], Arrays]) -> Arrays:
-        """Arrays by what they were made with, computed once for all experiments and runs.
+    def stored(self, kind: str, key: Mapping[str, Any], make: Callable[[], Arrays]) -> Arrays:
+        """Arrays that several experiments share, computed once; `key` names the parameters they depend on."""
+        path = self.store / f"{kind}-{digest(key)}.npz"
+        if not path.exists():
+            beside = self.store / f"{path.stem}.{os.getpid()}.npz"
+            np.savez(beside, **make())  # type: ignore[arg-type]
+            beside.replace(path)
+        with np.load(path) as arrays:
+            return dict(arrays)
 
-        Args:
-            kind: what they are.
-            key: parameters they depend on.
-            uses: modules and packages they depend on.
-            make: computes them.
-        """
-        begin = f"{kind}-{digest(key)}"
-        path = self.store / f"{begin}-{code_of(uses)}.npz"
-        with locked(self.store / f"{begin}.lock"):
-            if path.exists():
-                try:
-                    return load_arrays(path)
-                except InputError as error:
-                    print(f"note: computed again, since {error}", file=sys.stderr)
-            arrays = make()
-            for old in self.store.glob(f"{begin}-*.npz"):
-                old.unlink()
-            save_arrays(path, arrays)
-            return arrays
+
+def digest(value: Any) -> str:
+    """Twelve hexadecimal digits of a JSON value and of the versions of the package and of torch."""
+    text = json.dumps([value, version("ndtorch"), version("torch")], sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def judged(context: Context, ours: str, why: str, parts: Mapping[str, bool], numbers: dict[str, Any]) -> Outcome:
-    """An outcome from the parts of a claim, each true or false; what fails is named in `why`."""
+    """An outcome from the parts of a claim, each true or false; `why` gets those that fail."""
     failed = [name for name, good in parts.items() if not good]
     if failed:
-        why = f"{why} Not met: {'; '.join(failed)}." if why else f"Not met: {'; '.join(failed)}."
+        why = f"{why} Not met: {'; '.join(failed)}."
     if context.quick:
         why = f"[quick] {why}"
-    return Outcome(ours, verdict_of(*parts.values()), why.strip(), {**numbers, "criteria": dict(parts)})
+    verdict: Verdict = "holds" if not failed else "partly" if len(failed) < len(parts) else "does not hold"
+    return Outcome(ours, verdict, why.strip(), {**numbers, "criteria": dict(parts)})
 
 
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Only one process at a time; a process that dies lets go."""
+@dataclass(frozen=True)
+class Entry:
+    """A claim with its outcome, parameters, figures and the folder of the figures."""
 
-    def note() -> None:
-        print(f"note: waits for another run, which holds {path}", file=sys.stderr, flush=True)
-
-    with path.open("w") as file:
-        hold(file, note)
-        yield
-
-
-class ResultCache:
-    """Results of claims in a folder, by claim and parameters; each knows the code that made it."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-
-    def place(self, claim: Claim, quick: bool) -> Path:
-        """Folder of the result."""
-        return self.folder / f"{claim.id}-{digest([claim.parameters(quick), quick])}"
-
-    def load(self, claim: Claim, quick: bool) -> tuple[dict[str, Any] | None, bool]:
-        """The result, None if there is none that counts, and whether there is one from other code."""
-        place = self.place(claim, quick)
-        try:
-            result = json.loads(read_text(place / "result.json", TABLE_BYTES))
-            files = [place / f"{d['name']}.{kind}" for d in result["drawings"] for kind in ("svg", "png")]
-            complete = all(file.is_file() for file in files)
-            result["outcome"] = Outcome(**result["outcome"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return None, False
-        if result["code"] != code_of(claim.uses):
-            return None, True
-        return (result, False) if complete else (None, False)
+    claim: Claim
+    outcome: Outcome
+    parameters: Mapping[str, Any]
+    drawings: list[dict[str, Any]]
+    folder: Path
 
 
-def run_claim(claim: Claim, quick: bool, cache_folder: Path, code: str, report: Report) -> None:
-    """Run one experiment and keep its result in the cache, one run of a claim after the other.
+def result_folder(claim: Claim, quick: bool, out: Path) -> Path:
+    """The folder of a claim's result for these parameters and this version of the package."""
+    return out / "results" / f"{claim.id}-{digest([claim.quick if quick else claim.full])}"
 
-    A run that is killed leaves a folder `.part`, which the next one removes.
 
-    Args:
-        code: fingerprint of the code from before it was imported: files may change while a run goes on.
-    """
-    place, store = ResultCache(cache_folder).place(claim, quick), cache_folder / "data"
+def load_result(claim: Claim, quick: bool, out: Path) -> Entry | None:
+    """The kept result of a claim; None if there is none."""
+    if quick and claim.quick is None:
+        return Entry(claim, Outcome("-", "not run in quick", "Takes too long for --quick."), {}, [], out)
+    folder = result_folder(claim, quick, out)
+    if not (folder / "result.json").is_file():
+        return None
+    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    return Entry(claim, Outcome(**result["outcome"]), result["parameters"], result["drawings"], folder)
+
+
+def run_claim(claim: Claim, quick: bool, out: Path) -> None:
+    """Run one experiment; its folder gets its final name when everything is written."""
+    place, store = result_folder(claim, quick, out), out / "data"
     work = place.with_name(f"{place.name}.part")
-    store.mkdir(parents=True, exist_ok=True)
-    parameters = claim.parameters(quick)
-    assert parameters is not None
-    with locked(store / f"{place.name}.lock"):
-        shutil.rmtree(work, ignore_errors=True)
-        work.mkdir()
-        context = Context(work, store, quick, report)
-        outcome = claim.run(context, **parameters)
-        result = {
-            "id": claim.id,
-            "code": code,
-            "parameters": dict(parameters),
-            "outcome": asdict(outcome),
-            "drawings": context.drawings,
-        }
-        (work / "result.json").write_text(json.dumps(result, indent=1, default=plain) + "\n", encoding="utf-8")
-        shutil.rmtree(place, ignore_errors=True)
-        work.rename(place)
-
-
-def plain(value: Any) -> Any:
-    """Numbers and arrays of NumPy and torch as JSON has them."""
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} does not go into JSON")
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    store.mkdir(exist_ok=True)
+    parameters = dict(claim.quick if quick and claim.quick is not None else claim.full)
+    context = Context(work, store, quick)
+    outcome = claim.run(context, **parameters)
+    result = {"parameters": parameters, "outcome": asdict(outcome), "drawings": context.drawings}
+    text = json.dumps(result, indent=1, default=lambda array: array.tolist())
+    (work / "result.json").write_text(text + "\n", encoding="utf-8")
+    shutil.rmtree(place, ignore_errors=True)
+    work.rename(place)

@@ -37,7 +37,6 @@ def weights(context: Context, gamma: float, radius: float) -> Outcome:
 
     def report(seconds: float, largest: list[float]) -> None:
         seen.append((seconds, largest))
-        context.report(min(0.95, seconds / 8))
 
     stage = train_first_stage(gamma, radius, report=report)
     found = {"motion": stage.motion, "orientation": stage.orientation, "color": stage.color}
@@ -113,7 +112,6 @@ def motion_tuning(context: Context, step: float, seconds: float) -> Outcome:
     network = shipped("motion")
     directions = [step * k for k in range(round(360 / step))]
     inputs = motion_sums(directions, None, seconds)
-    context.report(0.6)
     outputs = settled(network, inputs).clamp_min(0)
     angles = torch.tensor(directions, dtype=torch.float64)
     tilts = [-85.0 + step * k for k in range(round(170 / step) + 1)]
@@ -181,7 +179,6 @@ def orientation_tuning(context: Context, step: float) -> Outcome:
     inputs = sums[:, GROUPS["orientation"]].double()
     inputs = inputs / inputs.max()
     outputs = settled(network, inputs)
-    context.report(0.8)
     figure, axes = panels(1, 2, 10, 5.2, subplot_kw={"projection": "polar"})
     around = torch.cat([tilts, tilts + 180, tilts[:1]]).deg2rad()
     for one, values, title in zip(axes, (inputs, outputs), ("network inputs", "network outputs"), strict=True):

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from ndtorch.navigation import FeatureParams, Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import beam, certainty
-from ndtorch.navigation.options import EDGE_REACH
 from ndtorch.navigation.stereo.features import Features, find_features
 from ndtorch.navigation.stereo.prediction import PredictedFeatures
 from ndtorch.vision import NDMin
@@ -180,9 +179,8 @@ def hallway_map(context: Context, seeds: list[int], seconds: float, noisy: bool)
     """One pass of the hallway with exact and with noisy odometry."""
     drives: dict[str, list[Recorded]] = {"true": [], "noisy": []}
     tasks = [(s, o) for o in drives for s in seeds if o == "true" or noisy]
-    for n, (seed, odometry) in enumerate(tasks):
-        share = (n / len(tasks), (n + 1) / len(tasks))
-        drives[odometry].append(recorded(context, "hallway", seed, seconds, share, odometry=odometry))
+    for seed, odometry in tasks:
+        drives[odometry].append(recorded(context, "hallway", seed, seconds, odometry=odometry))
     seen = drives["true"][0]
     figure, (one,) = panels(1, 1, 14, 3.6)
     draw_plan(one, load_arena(seen.arena, seen.seed), faint=True)
@@ -231,19 +229,14 @@ def arenas(context: Context, seed: int) -> None:
     context.draw("A9-arenas", figure, "A fig. 9", words, seed=seed)
 
 
-def feature_count(
-    context: Context, seeds: list[int], seconds: float, counts: list[int], places: str = "motion"
-) -> Outcome:
-    """Maps of the same drives with 1 to 12 features a frame; `places` as in `NavigatorOptions`."""
-    edges = places == "edges"
+def feature_count(context: Context, seeds: list[int], seconds: float, counts: list[int]) -> Outcome:
+    """Maps of the same drives with 1 to 12 features a frame."""
     found = np.full((len(seeds), len(counts), 3), np.nan)
     for i, seed in enumerate(seeds):
-        seen = recorded(context, "hallway", seed, seconds, (i / len(seeds), (i + 0.5) / len(seeds)))
+        seen = recorded(context, "hallway", seed, seconds)
         for j, count in enumerate(counts):
-            params = FeatureParams(count, edge_reach_px=EDGE_REACH, shared=True) if edges else FeatureParams(count)
-            score = score_of(seen, map_of(seen, ranges_of(seen, params), 3.0))
+            score = score_of(seen, map_of(seen, ranges_of(seen, FeatureParams(count)), 3.0))
             found[i, j] = score["precision"] or 0, score["recall"] or 0, quality(score)
-            context.report((i + 0.5 + 0.5 * j / len(counts)) / len(seeds))
     mean = found.mean(0)
     figure, (one,) = panels(1, 1, 8, 4.4)
     for k, (name, color, style) in enumerate(
@@ -255,8 +248,7 @@ def feature_count(
     one.set(xlabel="features a frame", ylabel="share", ylim=(0, 1), title="hallway maps, mean and range of the seeds")
     one.legend(frameon=False, title="both: harmonic mean")
     words = "Precision, recall and their harmonic mean of hallway maps against the number of features (grey: 3 to 7)."
-    name = "A-feature-count-edges" if edges else "A-feature-count"
-    context.draw(name, figure, "A Methods", words, seeds=seeds, counts=counts, seconds=seconds, places=places)
+    context.draw("A-feature-count", figure, "A Methods", words, seeds=seeds, counts=counts, seconds=seconds)
     best = counts[int(mean[:, 2].argmax())]
     inside = [m for c, m in zip(counts, mean[:, 2], strict=True) if 3 <= c <= 7]
     parts = {

@@ -88,7 +88,7 @@ class Moment(NamedTuple):
     after: float
 
 
-def watch(context: Context, seconds: float, since: float, shift: tuple[float, float], share: float) -> list[Moment]:
+def watch(seconds: float, since: float, shift: tuple[float, float]) -> list[Moment]:
     """Enhanced images five times a second, from `since` seconds of learning on. [C eq. 11, fig. 5]"""
     model = ndtorch.load("published")
     assert isinstance(model, PublishedModel)
@@ -97,7 +97,7 @@ def watch(context: Context, seconds: float, since: float, shift: tuple[float, fl
     state = kept = None
     found = []
     with torch.inference_mode():
-        for n, frames in enumerate(source.chunks(20)):
+        for frames in source.chunks(20):
             signals, state = model(frames, state)
             images = model.features.images_at(frames[-1], state.motion)
             low, kept = low_pass(images[None], kept)
@@ -112,14 +112,12 @@ def watch(context: Context, seconds: float, since: float, shift: tuple[float, fl
                 ratio = float(peak[0].clamp_min(1 / 255) / peak[1].clamp_min(1 / 255))
                 a, b, c = (image.permute(1, 2, 0).clone() for image in (frames[-1], mask, enhanced))
                 found.append(Moment(time, int(k), a, b, c, f, float(frame[0] / frame[1]), ratio))
-            if n % 5 == 0:
-                context.report(share * 20 * n / (source.length or 1))
     return found
 
 
 def enhanced_image(context: Context, seconds: float, crossing: tuple[float, float], medians: bool) -> Outcome:
     """Attention when the bars pass each other, and the ratio red to green over all moments of equal input."""
-    passing = watch(context, crossing[1], crossing[0], (250.0, -85.0), 0.5 if medians else 1.0)
+    passing = watch(crossing[1], crossing[0], (250.0, -85.0))
 
     def even(moment: Moment) -> bool:
         return 0.8 <= moment.before <= 1.25 and moment.winner in (N_RED, N_GREEN)
@@ -136,7 +134,7 @@ def enhanced_image(context: Context, seconds: float, crossing: tuple[float, floa
             shown.append(min(of_it, key=lambda moment: abs(moment.time - middle)))
     if shown:
         enhanced_figures(context, shown)
-    moments = watch(context, seconds, 6.0, (0.0, 0.0), 1.0) if medians else passing
+    moments = watch(seconds, 6.0, (0.0, 0.0)) if medians else passing
     ratios = {
         FEATURES[k]: [gain(moment) for moment in moments if moment.winner == k and even(moment)]
         for k in (N_RED, N_GREEN)
@@ -194,11 +192,10 @@ def enhanced_figures(context: Context, shown: list[Moment]) -> None:
 def equal_bars(context: Context, seconds: float, kinds: list[str]) -> Outcome:
     """Three bars alike in every feature that fluctuate differently."""
     found, shown = {}, []
-    for k, kind in enumerate(kinds):
-        run = learn(rendered(context, "equal-bars", 1 / len(kinds), fluctuation=kind, seconds=4.0 + seconds))
+    for kind in kinds:
+        run = learn(rendered(context, "equal-bars", fluctuation=kind, seconds=4.0 + seconds))
         found[kind] = owners(run.final)
         shown.append((kind, run, found[kind], None))
-        context.report((k + 1) / len(kinds))
     caption = "Three green bars alike in all but their fluctuation; the paper claims three objects and shows none."
     draw_runs(context, shown, "C-equal-bars", "C §5.5.2", caption, kinds=kinds, seconds=seconds)
     parts = {f"{kind}: three objects": len(names) == 3 for kind, names in found.items()}

@@ -41,9 +41,8 @@ def characterisation(context: Context, step: float, phases: int) -> Outcome:
     speeds = [step * k for k in range(-round(2 / step), round(2 / step) + 1)]
     starts = sub_pixel(phases)
     found: dict[str, Tensor] = {}
-    for n, (name, sensor) in enumerate((("NDS", NDS()), ("ND-minus", NDMinus()), ("ND-min", NDMin()))):
+    for name, sensor in (("NDS", NDS()), ("ND-minus", NDMinus()), ("ND-min", NDMin())):
         found[name] = SPEED_SCALE * magnitudes(sensor, speeds, starts, 10)
-        context.report((n + 1) / 4)
     found["Chahl-Srinivasan"] = shifts(MovingGrating(speeds, starts)).mean(-1)
     flicker = {
         name: SPEED_SCALE * float(speed_response(sensor, FlickeringGrating(length=200).chunks(), 10)[0])
@@ -103,7 +102,6 @@ def time_constants(context: Context, taus: list[float | str], phases: int) -> Ou
             response = magnitudes(NDS(high, low), speeds, starts, settle, 160)
             curve = judge_speed_curve(torch.tensor(speeds), response)
             reach[i, j], straight[i, j] = float(curve.monotonic_to), float(curve.linearity)
-        context.report((i + 1) / len(values))
     order = sorted(
         (float(reach[i, j]), float(straight[i, j]), i, j) for i in range(len(values)) for j in range(len(values))
     )

@@ -13,34 +13,23 @@ import ndtorch
 from ndtorch.binding import PublishedModel, object_table
 from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
-from ndtorch.scenes import SCENES, make_scene
-from ndtorch.utils.packages import MODELS
+from ndtorch.scenes import make_scene
 from ndtorch.utils.tensors import mapped
 from ndtorch.vision import FEATURES
 from ndtorch_train.plots import feature_legend, matrix_panel, output_panel, panels
-from ndtorch_train.reproduce.experiment import Arrays, Context
+from ndtorch_train.reproduce.experiment import Context
 from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars, rendered_sums
 
 PAIR = ["red", "green"]
 N_RED, N_GREEN, N_BLUE = (FEATURES.index(name) for name in ("red", "green", "blue"))
 SETTLE = 4.0
-SUMS = ("ndtorch.vision", "ndtorch.scenes")
-"""Code that the ten sums depend on."""
-BINDING = (*SUMS, "ndtorch.binding", "ndtorch.loading", MODELS, "ndtorch_train.superposed")
-"""Code that binding depends on."""
-HOUSE = ("ndtorch_train.reproduce.signals", "ndtorch_train.plots")
-"""Code that every experiment on binding shares."""
 
 
-def rendered(context: Context, name: str, share: float = 1.0, **options: Any) -> Tensor:
+def rendered(context: Context, name: str, **options: Any) -> Tensor:
     """Sums of a named scene, from full 500 x 500 frames; computed once for everybody."""
-    assert name in SCENES
     key = {"scene": name, **options}
-
-    def make() -> Arrays:
-        return {"sums": rendered_sums(make_scene(name, **options), lambda done: context.report(share * done)).numpy()}
-
-    return torch.from_numpy(context.stored("sums", key, SUMS, make)["sums"])
+    made = context.stored("sums", key, lambda: {"sums": rendered_sums(make_scene(name, **options)).numpy()})
+    return torch.from_numpy(made["sums"])
 
 
 def superposed(
@@ -54,7 +43,7 @@ def superposed(
             parts |= {name: bar.sums.numpy(), f"{name}_place": np.array([bar.x, bar.speed])}
         return parts
 
-    got = context.stored("bars", {}, (*SUMS, "ndtorch_train.superposed"), make)
+    got = context.stored("bars", {}, make)
     bars = Bars(*(LoneBar(torch.from_numpy(got[n]), *map(float, got[f"{n}_place"])) for n in Bars._fields))
     stimuli = Stimuli(bars)
     return stimuli.red(seconds), stimuli.green(phases, seconds), stimuli.blue(offsets, seconds)

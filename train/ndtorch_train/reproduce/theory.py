@@ -40,7 +40,7 @@ def mixed(mixing: Any, seconds: float, dtype: torch.dtype = torch.float64) -> Te
     return (sources @ torch.tensor(mixing, dtype=torch.float64).T).to(dtype)
 
 
-def learn(context: Context, rule: str, inputs: Tensor, start: Tensor, onset: float, share: float = 1.0) -> Learned:
+def learn(rule: str, inputs: Tensor, start: Tensor, onset: float) -> Learned:
     """Learn from the same inputs `[T, 2]` with each of the starting weights `[B, 2, 2]`."""
     network = InhibitoryNetwork(
         2,
@@ -53,13 +53,10 @@ def learn(context: Context, rule: str, inputs: Tensor, start: Tensor, onset: flo
     outputs, weights = [], []
     with torch.inference_mode():
         state = network.start(inputs[0].expand(len(start), 2))._replace(weights=start.to(inputs.dtype))
-        parts = torch.split(inputs, EVERY)
-        for n, part in enumerate(parts):
+        for part in torch.split(inputs, EVERY):
             out, state = network(part.expand(len(start), -1, -1), state)
             outputs.append(out[0])
             weights.append(state.weights)
-            if n % 100 == 0:
-                context.report(share * n / len(parts))
     times = torch.arange(1, len(weights) + 1) * (EVERY * DT)
     return Learned(torch.cat(outputs), times, torch.stack(weights))
 
@@ -89,14 +86,9 @@ def plane(axes: Any, learned: Learned, title: str) -> None:
     axes.legend(frameon=False, fontsize=8, loc="center")
 
 
-def one_source(context: Context, rule: str, seconds: float) -> Learned:
-    """C fig. 7's experiment from zero weights, with the printed soft start."""
-    return learn(context, rule, mixed(ONE, seconds), torch.zeros(1, 2, 2), 2.0)
-
-
 def competitive_one(context: Context, seconds: float) -> Outcome:
     """One source, competitive rule."""
-    learned = one_source(context, "competitive", seconds)
+    learned = learn("competitive", mixed(ONE, seconds), torch.zeros(1, 2, 2), 2.0)
     figure, axes = panels(1, 2, 12, 4.6)
     plane(axes[0], learned, "weights, competitive rule")
     outputs_panel(axes[1], learned.outputs, "outputs, competitive rule", seconds)
@@ -139,8 +131,8 @@ def cooperative_one(context: Context, seconds: float, trials: int) -> Outcome:
     """One source, cooperative rule, with and without the soft start; and from starts that differ by 1e-12."""
     start = torch.zeros(trials, 2, 2, dtype=torch.float64)
     start[:, 0, 1] = 1e-12 * torch.arange(trials)
-    soft = learn(context, "cooperative", mixed(ONE, seconds), start, 2.0, 0.5)
-    learned = learn(context, "cooperative", mixed(ONE, seconds), start, 0.0)
+    soft = learn("cooperative", mixed(ONE, seconds), start, 2.0)
+    learned = learn("cooperative", mixed(ONE, seconds), start, 0.0)
 
     figure, axes = panels(2, 2, 13, 8)
     until = min(60.0, seconds)
@@ -214,8 +206,8 @@ def two_sources(context: Context, seconds: float) -> Outcome:
     """Two sources, both rules."""
     both = {}
     zero = torch.zeros(1, 2, 2)
-    for k, rule in enumerate(("cooperative", "competitive")):
-        both[rule] = learn(context, rule, mixed(TWO, seconds), zero, 2.0, (k + 1) / 2)
+    for rule in ("cooperative", "competitive"):
+        both[rule] = learn(rule, mixed(TWO, seconds), zero, 2.0)
     figure, axes = panels(2, 2, 13, 7.5)
     for k, (rule, learned) in enumerate(both.items()):
         outputs_panel(axes[2 * k], learned.outputs, f"outputs, {rule} rule", seconds)
@@ -252,7 +244,7 @@ def solutions_of_mixtures(context: Context, largest: int, mixtures: int, seed: i
     generator = torch.Generator().manual_seed(seed)
     sizes = [(n, m) for n in range(2, largest + 1) for m in range(1, n + 1)]
     rows: list[dict[str, Any]] = []
-    for at, (n, m) in enumerate(sizes):
+    for n, m in sizes:
         row: dict[str, Any] = {"neurons": n, "sources": m, "solutions": math.perm(n, m), "paper": count_solutions(n, m)}
         found = stable = separate = 0
         matrices: list[Tensor] = []
@@ -271,7 +263,6 @@ def solutions_of_mixtures(context: Context, largest: int, mixtures: int, seed: i
         row |= {"found": found / mixtures, "stable": stable / mixtures}
         row |= {"all separate": separate == found, "stability right": agree, "of": tried}
         rows.append(row)
-        context.report(0.8 * (at + 1) / len(sizes))
     bounds = [bound_error(generator, n) for n in (2, 3, 4) for _ in range(4)]
 
     figure, axes = panels(1, 2, 12, 4.6)

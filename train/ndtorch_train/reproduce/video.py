@@ -72,9 +72,7 @@ class ParkingLot(RenderedScene):
 class Watched:
     """A run of the model over frames: sums, outputs, weights and a frame to show."""
 
-    def __init__(
-        self, context: Context, source: FrameSource, show_at: float, share: tuple[float, float], settle: float
-    ) -> None:
+    def __init__(self, source: FrameSource, show_at: float, settle: float) -> None:
         # The constants of [B §3.4.4]; the border of a real image does not wrap.
         model = ndtorch.load(
             "published",
@@ -88,17 +86,14 @@ class Watched:
         )
         state, outputs, weights, times = None, list[Tensor](), list[Tensor](), list[float]()
         shown: Tensor | None = None
-        seen = 0
         with torch.inference_mode():
             for frames in source.chunks(max(1, round(source.fps / 15))):
                 signals, state = model(frames, state)
-                seen += len(frames)
                 outputs.append(signals.outputs)
                 weights.append(state.second.weights)
                 times.append(int(state.second.steps) * model.dt - settle)
                 if shown is None and times[-1] >= show_at:
                     shown = frames[-1]
-                context.report(share[0] + (share[1] - share[0]) * seen / (source.length or seen))
         assert state is not None
         assert shown is not None
         self.frame, self.outputs, self.weights = shown, torch.cat(outputs), torch.stack(weights)
@@ -155,7 +150,7 @@ def draw(
 
 def one_object(context: Context, seed: int, clip: str) -> Outcome:
     """The stand-in, and a real road where the clip of one is given ('' for none)."""
-    run = Watched(context, ParkingLot(5.0, 3.4, seed), 1.8, (0.0, 0.6), 5.0)
+    run = Watched(ParkingLot(5.0, 3.4, seed), 1.8, 5.0)
     words = "A rendered stand-in for the paper's video, which is not public: one red car crosses a still lot."
     draw(context, run, "B12-stand-in", "B fig. 12", words, [(0.1, 0.7), (2.6, 3.2)], seed=seed)
     numbers: dict[str, Any] = {"stand-in": run.numbers()}
@@ -163,7 +158,7 @@ def one_object(context: Context, seed: int, clip: str) -> Outcome:
     ours = f"stand-in: {', '.join(run.columns) or 'none'}, largest weight {float(run.final.max()):.2f}"
     why = "The paper's video is not public."
     if clip:
-        road = Watched(context, open_video(Path(clip), start=0, stop=125), 2.4, (0.6, 1.0), 4.0)
+        road = Watched(open_video(Path(clip), start=0, stop=125), 2.4, 4.0)
         words = "A real road camera (12.5 frames a second): one light car crosses from 0.5 to 4.6 s."
         draw(context, road, "B12-road", "after B fig. 12", words, [(0.5, 4.6)], frames=[0, 125])
         numbers["road"] = road.numbers()

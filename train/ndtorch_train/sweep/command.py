@@ -1,257 +1,269 @@
-"""`ndtorch sweep`."""
+"""`ndtorch sweep`: reads a sweep from a TOML file, runs its trials and writes tables and heat maps."""
 
 from __future__ import annotations
 
 import functools
 import itertools
 import json
-import shutil
+import math
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 import tyro
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from ndtorch.errors import InputError
-from ndtorch.utils.files import TABLE_BYTES, read_text, replacing, write_text
+from ndtorch.errors import InputError, did_you_mean
+from ndtorch.utils.packages import need, toml_file
+from ndtorch.utils.toml import toml_values
 from ndtorch.utils.workers import Event, Report, cores, run_tasks
 
 if TYPE_CHECKING:
-    from ndtorch_train.rows import Row, RowStore
-    from ndtorch_train.sweep.config import SweepConfig
-    from ndtorch_train.sweep.parameters import Trial
+    import pandas
 
-KEPT = "rows.jsonl"
-"""Rows of finished trials."""
+    from ndtorch_train.sweep.trials import Trial
+
+MOST = 1_000_000
+"""Largest number of trials of one sweep."""
+
+
+class Span(BaseModel):
+    """A range of values; `steps` of a grid."""
+
+    model_config = ConfigDict(extra="forbid")
+    low: float = Field(alias="from")
+    high: float = Field(alias="to")
+    steps: Annotated[int, Field(ge=1, le=MOST)] | None = None
+    scale: Literal["linear", "log"] = "linear"
+
+
+class Show(BaseModel):
+    """Parameters along x, along y and from panel to panel, and the results to draw."""
+
+    model_config = ConfigDict(extra="forbid")
+    x: str = ""
+    y: str = ""
+    panels: str = ""
+    values: tuple[str, ...] = ()
+
+
+class SweepConfig(BaseModel):
+    """The contents of a sweep's file."""
+
+    model_config = ConfigDict(extra="forbid")
+    kind: Literal["binding", "driving"] = "binding"
+    method: Literal["grid", "random"] = "grid"
+    trials: Annotated[int, Field(ge=0, le=MOST)] = 0
+    seed: int = 0
+    device: str = "cpu"
+    vary: dict[str, list[Any] | Span] = Field(min_length=1)
+    fixed: dict[str, Any] = Field(default_factory=dict)
+    show: Show = Show()
+
+    def axes(self) -> tuple[str, str, str, tuple[str, ...]]:
+        """Parameters along x, y and panels, and results; by default the first three that vary and the first result."""
+        from ndtorch_train.sweep.trials import RESULTS
+
+        x, y, panels = (*([self.show.x, self.show.y, self.show.panels] if self.show.x else self.vary), "", "", "")[:3]
+        return x, y, panels, self.show.values or RESULTS[self.kind][:1]
+
+
+def read_sweep(data: Mapping[str, Any], where: str) -> tuple[SweepConfig, list[Trial]]:
+    """A sweep and its trials from the values of a TOML file.
+
+    Raises:
+        InputError: an unknown key or value, or no trial.
+    """
+    from ndtorch_train.sweep.trials import KINDS, RESULTS
+
+    try:
+        config = SweepConfig.model_validate(dict(data))
+        kind = KINDS[config.kind]
+        known = [one.name for one in fields(kind)]
+        for key in (*config.vary, *config.fixed):
+            if key not in known:
+                raise InputError(f"{where}: unknown parameter {key!r}{did_you_mean(key, known)}")
+        if twice := config.vary.keys() & config.fixed.keys():
+            raise InputError(f"{where}: {min(twice)} is both in [vary] and in [fixed]")
+        x, y, panels, values = config.axes()
+        if strange := {x, y, panels} - {"", *config.vary} or set(values) - set(RESULTS[config.kind]):
+            raise InputError(f"{where}: [show] names {min(strange)!r}, which is no parameter that varies or result")
+        integers = {one.name for one in fields(kind) if isinstance(one.default, int)}
+        choices = combinations(config, integers, where)
+        trials = TypeAdapter(list[kind]).validate_python([config.fixed | choice for choice in choices])  # type: ignore[valid-type]
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"] if not isinstance(part, int))
+        raise InputError(f"{where}: {place or 'the file'}: {first['msg']}, got {first['input']!r:.60}") from None
+    return config, list(dict.fromkeys(trials))
+
+
+def combinations(config: SweepConfig, integers: set[str], where: str) -> list[dict[str, Any]]:
+    """The varied parameters of every trial."""
+    if config.method == "grid":
+        axes = [grid_values(name, spec, where) for name, spec in config.vary.items()]
+        if not 0 < math.prod(map(len, axes)) <= MOST:
+            raise InputError(f"{where}: {math.prod(map(len, axes))} trials; 1 to {MOST} are possible")
+        return [dict(zip(config.vary, values, strict=True)) for values in itertools.product(*axes)]
+    rng = np.random.default_rng(config.seed)
+    if not config.trials or not all(config.vary.values()):
+        raise InputError(f"{where}: a random sweep needs trials and no empty list in [vary]")
+
+    def draw(name: str, spec: list[Any] | Span) -> Any:
+        if isinstance(spec, list):
+            return spec[rng.integers(len(spec))]
+        if name in integers:
+            return int(rng.integers(math.ceil(spec.low), math.floor(spec.high) + 1))
+        if spec.scale == "log":
+            return math.exp(rng.uniform(math.log(spec.low), math.log(spec.high)))
+        return float(rng.uniform(spec.low, spec.high))
+
+    return [{name: draw(name, spec) for name, spec in config.vary.items()} for _ in range(config.trials)]
+
+
+def grid_values(name: str, spec: list[Any] | Span, where: str) -> list[Any]:
+    """Values of a parameter on a grid."""
+    if isinstance(spec, list):
+        return spec
+    if spec.steps is None:
+        raise InputError(f"{where}: {name} needs steps")
+    if spec.scale == "log" and min(spec.low, spec.high) <= 0:
+        raise InputError(f"{where}: {name} must be positive on a logarithmic scale")
+    spaced = np.geomspace if spec.scale == "log" else np.linspace
+    # Rounded, so that 0.1 is 0.1 in tables and on axes.
+    return [float(f"{value:.9g}") for value in spaced(spec.low, spec.high, spec.steps)]
 
 
 @dataclass(frozen=True)
 class Sweep:
     """Run many trials: a grid or random sweep of binding or driving, described in a TOML file.
 
-    Writes results.parquet (a row a trial), summary.md and heat maps. A sweep that was stopped goes on where it was. One
-    whose file or code has changed writes into a new folder, NAME-2, and takes over the trials that are the same. Two
-    sweeps are included: `binding` and `maps`.
+    Writes results.parquet (a row a trial), summary.md and heat maps. A stopped sweep continues: trials that are in
+    results.parquet are not run again. Two sweeps are included: `binding` and `maps`.
     """
 
-    config: Annotated[Path, tyro.conf.Positional]
+    config: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="CONFIG")]
     """TOML file (its keys are described in train/README.md), or the name of an included sweep."""
-    out: Path | None = None
-    """Folder to write to (default: out/sweep/ and the name of the file)."""
-    force: bool = False
-    """Write into this folder whatever is in it."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder to write to (default: out/sweep/NAME)."""
     jobs: int | None = None
-    """Processes (default: one for every core this process may use)."""
-    cluster: tuple[str, ...] | None = None
-    """Run on a Ray cluster: its address, or none to start one on this machine. Needs ndtorch-train[cluster]."""
-    compare: int = 0
-    """Number of trials that are run one at a time afterwards, to print how much faster a batch is."""
+    """Processes (default: one for each core)."""
+    cluster: str | None = None
+    """Address of a Ray cluster on which ndtorch-train is installed; "local" starts one on this machine."""
     fresh: bool = False
-    """Begin in a new folder: use no earlier results."""
+    """Run every trial anew."""
     json: bool = False
-    """Print what summary.json holds and nothing else."""
+    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
-        """Do it; returns the exit code."""
-        from ndtorch.run.folder import place_for
-        from ndtorch.utils.packages import code_digest, toml_file
-        from ndtorch.utils.signals import parts_kept
-        from ndtorch_train.rows import RowStore
-        from ndtorch_train.sweep.config import module_of, read_sweep
-        from ndtorch_train.sweep.parameters import trial_id
+        """Run the trials; returns the exit code."""
+        import pandas
 
-        if self.cluster is not None and len(self.cluster) > 1:
-            raise InputError(f"--cluster takes one address, got {' '.join(self.cluster)}")
-        config = read_sweep(toml_file(self.config, "ndtorch_train", "sweeps"))
+        file = toml_file(self.config, "ndtorch_train", "sweeps")
+        config, trials = read_sweep(toml_values(file), str(file))
         jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
             raise InputError(f"--jobs must be at least 1, got {jobs}")
-        module = module_of(config.kind)
-        code = code_digest(module.USES)[:12]
-        settings = {"command": "sweep", "trials": sorted(map(trial_id, config.trials)), "show": config.show}
-        wanted = self.out or Path("out/sweep") / config.name
-        place = place_for(wanted, settings | {"code": code}, self.fresh, self.force)
-        out = place.folder
-        try:
-            if place.before is not None and (place.before / KEPT).is_file() and not (out / KEPT).exists():
-                shutil.copy(place.before / KEPT, out / KEPT)
-            store = RowStore(out / KEPT)
-            done = {name for name, (row,) in store.rows.items() if row["code"] == code}
-            if len(done) < len(store.rows):
-                note(f"{len(store.rows) - len(done)} trials in {out} are of other code and not used")
-            if store.damaged:
-                note(f"{store.damaged} lines of {out / KEPT} are damaged; their trials are run again")
-            names = {trial_id(trial) for trial in config.trials}
-            todo = [trial for trial in config.trials if trial_id(trial) not in done]
-            if len(todo) < len(config.trials):
-                finished = f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before"
-                print(finished, file=sys.stderr if self.json else sys.stdout)
-            began = time.perf_counter()
-            with parts_kept(out, "trials", len(config.trials), lambda: len(store.rows.keys() & names)):
-                failed = self.work(config, todo, module, jobs, store, code)
-            seconds = time.perf_counter() - began
-            found = store.load()
-            rows = [found[name][0] for name in map(trial_id, config.trials) if name in found]
-            file = out / "summary.json"
-            # Where nothing was left to compute, the summary of the run that computed it stays.
-            before = {} if todo else earlier_summary(file)
-            report: dict[str, Any] = {"trials": len(rows), "computed now": len(todo), "seconds": round(seconds, 2)}
-            if todo and not failed:
-                report["trials per second"] = round(len(todo) / seconds, 2)
-            if before.get("trials") == len(rows):
-                report = dict(before)
-            if self.compare:
-                report |= one_at_a_time(config, module, min(self.compare, len(config.trials)))
-            write_results(config, rows, module.RESULTS, out)
-            if report != before:
-                write_text(file, json.dumps(report, indent=1) + "\n")
-        except OSError as error:
-            raise InputError(f"{error.filename or out} cannot be written: {error.strerror or error}") from None
-        if self.json:
-            print(json.dumps(report))
-        else:
-            print(", ".join(f"{key} {value}" for key, value in report.items()))
-            print(f"written to {out}: results.parquet summary.md summary.json heatmap-*.svg heatmap-*.png")
+        out = self.out or Path("out/sweep") / file.stem
+        out.mkdir(parents=True, exist_ok=True)
+        table, names = out / "results.parquet", [one.name for one in fields(type(trials[0]))]
+        rows: dict[Trial, dict[str, Any]] = {}
+        if table.is_file() and not self.fresh:
+            for row in pandas.read_parquet(table).to_dict("records"):
+                rows[type(trials[0])(**{name: row[name] for name in names})] = row
+        todo = [trial for trial in trials if trial not in rows]
+        began, failed = time.perf_counter(), list[str]()
+        for finished, why in self.work(config, file.stem, todo, jobs):
+            failed += [why] if why else []
+            rows |= finished
+            pandas.DataFrame(list(rows.values())).to_parquet(table)
+        seconds = time.perf_counter() - began
+        frame = pandas.DataFrame([rows[trial] for trial in trials if trial in rows])
+        if len(frame):
+            write_results(config, file.stem, frame, out)
+        report = {"trials": len(frame), "computed_now": len(todo), "seconds": round(seconds, 2), "folder": str(out)}
+        print(json.dumps(report) if self.json else ", ".join(f"{key} {value}" for key, value in report.items()))
         for why in sorted(set(failed)):
             print(f"error: {failed.count(why)} blocks of trials failed: {why.strip()}", file=sys.stderr)
         return 1 if failed else 0
 
     def work(
-        self, config: SweepConfig, todo: Sequence[Trial], module: ModuleType, jobs: int, store: RowStore, code: str
-    ) -> list[str]:
-        """Run the trials and keep every block's results as it comes; returns why blocks failed."""
-        if not todo:
-            return []
+        self, config: SweepConfig, name: str, todo: Sequence[Trial], jobs: int
+    ) -> Iterator[tuple[dict[Trial, dict[str, Any]], str]]:
+        """Rows of every block of trials, or why it failed."""
         from ndtorch.run.progress import progress_bar
-        from ndtorch_train.sweep.parameters import trial_id
+        from ndtorch_train.sweep.trials import blocks
 
-        blocks = module.blocks(todo, jobs)
-        failed: list[str] = []
-        with progress_bar(len(todo), desc=config.name, unit=" trials") as bar:
-            for kind, index, value in self.events(config, blocks, jobs):
+        parts = blocks(todo, jobs)
+        function = functools.partial(local_block, device=config.device)
+        events = run_tasks(function, parts, jobs) if self.cluster is None else run_on_ray(parts, self.cluster, config)
+        with progress_bar(len(todo), desc=name, unit=" trials") as bar:
+            for kind, index, value in events:
                 if kind == "done":
-                    rows = [
-                        {"trial": trial_id(trial), **trial, **result, "code": code}
-                        for trial, result in zip(blocks[index], value, strict=True)
-                    ]
-                    store.add({row["trial"]: [row] for row in rows})
-                    bar.update(len(blocks[index]))
-                elif kind == "again":
-                    again = f"its {len(blocks[index])} trials are run again"
-                    bar.write(f"note: a process died ({value}); {again}", file=sys.stderr)
+                    pairs = zip(parts[index], value, strict=True)
+                    yield {trial: asdict(trial) | result for trial, result in pairs}, ""
+                    bar.update(len(parts[index]))
                 elif kind == "failed":
-                    failed.append(str(value))
-        return failed
-
-    def events(self, config: SweepConfig, blocks: Sequence[Sequence[Trial]], jobs: int) -> Iterator[Event]:
-        """Events of local processes or of a cluster."""
-        if self.cluster is None:
-            yield from run_tasks(functools.partial(local_block, kind=config.kind, device=config.device), blocks, jobs)
-        else:
-            from ndtorch_train.sweep.cluster import run_on_ray
-
-            function = functools.partial(any_block, kind=config.kind, device=config.device)
-            yield from run_on_ray(function, blocks, self.cluster[0] if self.cluster else None, jobs)
+                    yield {}, str(value)
 
 
-def note(words: str) -> None:
-    """Say what is not as expected."""
-    print(f"note: {words}", file=sys.stderr)
+def local_block(trials: Sequence[Trial], report: Report, *, device: str) -> list[dict[str, Any]]:
+    """A block as a task of `ndtorch.utils.workers`."""
+    from ndtorch_train.sweep.trials import run_block
+
+    return run_block(trials, device)
 
 
-def write_results(config: SweepConfig, rows: Sequence[Row], results: Sequence[str], folder: Path) -> None:
-    """Write results.parquet (a row a trial), summary.md, and the heat maps as SVG and PNG."""
-    import pyarrow
-    import pyarrow.parquet
+def run_on_ray(parts: Sequence[Sequence[Trial]], address: str, config: SweepConfig) -> Iterator[Event]:
+    """Run blocks on a Ray cluster; events as of `run_tasks`.
+
+    Raises:
+        InputError: Ray is not installed, or no cluster answers.
+    """
+    from ndtorch_train.sweep.trials import run_block
+
+    ray = need("ray", "--cluster")
+    try:
+        ray.init(address=None if address == "local" else address, log_to_driver=False, include_dashboard=False)
+    except Exception as error:
+        raise InputError(f"--cluster {address}: no Ray cluster ({str(error).splitlines()[0]})") from None
+    try:
+        remote = ray.remote(num_cpus=1)(run_block)
+        waiting = {remote.remote(part, config.device): n for n, part in enumerate(parts)}
+        while waiting:
+            for reference in ray.wait(list(waiting))[0]:
+                index = waiting.pop(reference)
+                try:
+                    yield Event("done", index, ray.get(reference))
+                except ray.exceptions.RayError as error:
+                    yield Event("failed", index, str(error))
+    finally:
+        ray.shutdown()
+
+
+def write_results(config: SweepConfig, name: str, frame: pandas.DataFrame, folder: Path) -> None:
+    """Write summary.md, means over all other parameters, and the heat maps."""
+    import pandas
 
     from ndtorch_train.plots import draw_heat_map
+    from ndtorch_train.sweep.trials import RESULTS
 
-    with replacing(folder / "results.parquet") as beside:
-        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(list(rows)), beside)
-    write_text(folder / "summary.md", summary(config, rows, results))
-    for value in config.show[3] if rows else ():
-        for kind in ("svg", "png"):
-            draw_heat_map(list(rows), config.show[:3], value, config.name, folder / f"heatmap-{value}.{kind}")
-
-
-def summary(config: SweepConfig, rows: Sequence[Row], results: Sequence[str]) -> str:
-    """A Markdown table: means of every result for every value of every parameter that varies, of few values."""
-    import numpy as np
-
-    from ndtorch_train.plots import short
-
-    lines = [f"# {config.name}", "", f"{len(rows)} trials; means over all other parameters.", ""]
+    lines = [f"# {name}", "", f"{len(frame)} trials; means over all other parameters.", ""]
+    results = list(RESULTS[config.kind])
     lines += [f"| | | trials | {' | '.join(results)} |", f"|---|---|---|{'---|' * len(results)}"]
-    for key in config.varied:
-        values = sorted({row[key] for row in rows})
-        if len(values) > 32:  # of a random sweep: by tenths
-            edges = np.quantile([row[key] for row in rows], np.linspace(0, 1, 11))
-            groups = [
-                (f"{a:.3g}..{b:.3g}", [r for r in rows if a <= r[key] <= b]) for a, b in itertools.pairwise(edges)
-            ]
-        else:
-            groups = [(short(value), [r for r in rows if r[key] == value]) for value in values]
-        for name, group in groups:
-            cells = []
-            for result in results:
-                known = [float(r[result]) for r in group if r[result] is not None]
-                cells.append(f"{np.mean(known):.3g}" if known else "-")
-            lines.append(f"| {key} | {name} | {len(group)} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
-
-
-def earlier_summary(file: Path) -> dict[str, Any]:
-    """The summary of an earlier run; empty where there is none that can be read."""
-    try:
-        found = json.loads(read_text(file, TABLE_BYTES))
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-def any_block(trials: Sequence[Trial], *, kind: str, device: str) -> list[dict[str, Any]]:
-    """Results of a block of trials."""
-    from ndtorch.utils.tensors import tune_allocator
-    from ndtorch_train.sweep.config import module_of
-
-    tune_allocator()
-    found: list[dict[str, Any]] = module_of(kind).run_block(trials, device)
-    return found
-
-
-def local_block(trials: Sequence[Trial], report: Report, *, kind: str, device: str) -> list[dict[str, Any]]:
-    """The same, as a task of `ndtorch.utils.workers`."""
-    return any_block(trials, kind=kind, device=device)
-
-
-def one_at_a_time(config: SweepConfig, module: ModuleType, count: int) -> dict[str, Any]:
-    """Run evenly chosen trials alone and together, in this process, and compare time and results."""
-    import torch
-
-    torch.set_num_threads(1)
-    step = len(config.trials) / count
-    chosen = [config.trials[int(k * step)] for k in range(count)]
-
-    def timed(blocks: Sequence[Sequence[Trial]]) -> tuple[float, list[dict[str, Any]]]:
-        start = time.perf_counter()
-        found = [result for block in blocks for result in module.run_block(block, config.device)]
-        return (time.perf_counter() - start) / len(found), found
-
-    timed([chosen[:1]])  # what is made once
-    slow, alone = timed([[trial] for trial in chosen])
-    fast, _ = timed([max(module.blocks(config.trials, 1), key=len)])
-    parts = module.blocks(chosen, 1)
-    together = dict(zip((id(trial) for part in parts for trial in part), timed(parts)[1], strict=True))
-    pairs = [(together[id(trial)], result) for trial, result in zip(chosen, alone, strict=True)]
-    first = module.RESULTS[0]
-    return {
-        "one at a time, trials per second": round(1 / slow, 2),
-        "together, one process, trials per second": round(1 / fast, 2),
-        "ratio": round(slow / fast, 1),
-        "trials whose last digits differ": sum(one != other for one, other in pairs),
-        f"trials whose {first} differs": sum(one[first] != other[first] for one, other in pairs),
-    }
+    for key in config.vary:
+        values = frame[key]
+        groups = values if values.nunique() <= 32 else pandas.qcut(values, 10)
+        for value, group in frame.groupby(groups, observed=True):
+            cells = [f"{group[result].astype(float).mean():.3g}" for result in results]
+            label = f"{value:.4g}" if isinstance(value, float) else value
+            lines.append(f"| {key} | {label} | {len(group)} | {' | '.join(cells)} |")
+    (folder / "summary.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    x, y, panels, shown = config.axes()
+    for value in shown:
+        for kind in ("svg", "png"):
+            draw_heat_map(frame, (x, y, panels), value, name, folder / f"heatmap-{value}.{kind}")
