@@ -17,12 +17,10 @@ from ndtorch.navigation.body import Body, match_params, proximity_params, rig_in
 from ndtorch.navigation.controllers.contract import Command, Controller
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.controllers.scaled import controller_for_body
-from ndtorch.navigation.localisation.localiser import Localiser
-from ndtorch.navigation.localisation.state import LocaliserState
+from ndtorch.navigation.localisation.localiser import Localiser, LocaliserState
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
 from ndtorch.navigation.mapping.grid_map import in_tensors
-from ndtorch.navigation.mapping.map_rendering import log_ranges
 from ndtorch.navigation.mapping.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.proximity.check import ProximityCheck, ProximitySchedule
@@ -280,9 +278,7 @@ class Navigator(nn.Module):
         if self.localiser is not None and controller.has_goals:
             located = self.locate(left.row, right.row, pose, located)
             here = self.control_pose(pose, located)
-            place = pose_like(pose, located.pose) if located.relocalisation is None else None
-            sigma = math.sqrt(max(0.0, *located.covariance.diagonal()[:2]))
-            control = controller.on_pose(control, here, place, sigma)
+            control = controller.on_pose(control, here, pose_like(pose, located.pose))
         command, control = controller.step(seen, ranges, here, last, control)
         if near is not None and begins:
             command = Command(0.0, 0.0)  # what is near is not checked yet
@@ -351,10 +347,8 @@ class Navigator(nn.Module):
             ranges, poses = Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(x.unsqueeze(-1) for x in poses))
         if self.grid_map is not None:
             grid = self.grid_map.update(ranges, poses, grid)
-        if self.backend == "numba" and (self.observations or self.tracker or state.located):
+        if self.backend == "numba" and (self.observations or self.tracker):
             ranges, poses = in_tensors(ranges, poses)
-        if grid is not None and state.located is not None:
-            grid = log_ranges(grid, Ranges(*(part[0] for part in ranges)), state.located)
         if self.observations is not None:
             _, seen = self.observations(ranges, poses, seen)
         if self.tracker is not None:

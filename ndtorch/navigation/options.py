@@ -14,13 +14,13 @@ from ndtorch.navigation.body import Body, search_params
 from ndtorch.navigation.controllers.contract import Controller, Task
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class
 from ndtorch.navigation.controllers.scaled import controller_for_body
-from ndtorch.navigation.localisation.localiser import Localiser
+from ndtorch.navigation.localisation.localiser import Localiser, LocaliserParams
 from ndtorch.navigation.localisation.ndt import from_sparse
-from ndtorch.navigation.localisation.params import LocaliserParams
 from ndtorch.navigation.mapping.certainty import SEARCH_SPREAD_PX
 from ndtorch.navigation.mapping.grid_map import Certainty, Grid, GridMap
 from ndtorch.navigation.mapping.map_files import load_map
 from ndtorch.navigation.model import Navigator
+from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.stereo.features import FeatureParams
 from ndtorch.navigation.stereo.rig import AngleModel, Rect, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
@@ -55,8 +55,9 @@ class NavigatorOptions:
         return_home: The controller `goal` then returns to the start.
         speed: The car drives at this speed where nothing is in its path, m/s; scaled with the size of the body.
         localise: Scan matching corrects dead reckoning, and the map is made with the corrected poses.
-        known_map: The car finds its place in the `map.npz` of this path, which a drive with `localise` has made, and
-            localises in it.
+        known_map: The car localises in the `map.npz` of this path, which a drive with `localise` has made.
+        map_start: Pose at which the car starts in the known map, `"X,Y,DEGREES"`; by default where the drive that made
+            the map started.
 
     Raises:
         InputError: an unknown controller or word, or a number out of range.
@@ -76,6 +77,7 @@ class NavigatorOptions:
     speed: float = 0.5
     localise: bool = False
     known_map: str = ""
+    map_start: str = ""
 
     def __post_init__(self) -> None:
         for option in dataclasses.fields(NavigatorOptions):
@@ -89,6 +91,13 @@ class NavigatorOptions:
     def fields(self, rig: StereoRig, body: Body | None = None) -> tuple[Rect, Rect]:
         """The rectangles that the controller looks at."""
         return self.make(rig, 1 / 30, body).fields
+
+    def start_pose(self) -> Pose | None:
+        """Where the car starts in a known map; None without one."""
+        if not self.known_map:
+            return None
+        x, y, degrees = numbers_of("map_start", self.map_start or "0,0,0", "X,Y,DEGREES", "3,-1.5,90")
+        return Pose(x, y, math.radians(degrees))
 
     def task(self) -> Task:
         """What the controller is asked to do."""
@@ -192,6 +201,8 @@ def check_option(name: str, value: Any) -> None:
         raise InputError(f"known_map must be the name of a file, got {value!r}")
     elif name == "goal":
         place_of(value)
+    elif name == "map_start" and value:
+        numbers_of(name, value, "X,Y,DEGREES", "3,-1.5,90")
     elif name == "speed" and not (isinstance(value, int | float) and 0.1 <= value <= FASTEST):
         raise InputError(f"speed must be from 0.1 to {FASTEST} m/s, got {value!r}")
     elif name == "ahead_share" and not (isinstance(value, int | float) and 0 <= value <= 1):
@@ -208,13 +219,23 @@ def place_of(text: Any) -> tuple[float, float] | None:
     """
     if text == "":
         return None
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except (ValueError, AttributeError):
-        x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise InputError(f'goal must be "X,Y" in m, for instance "3,-1.5", got {text!r}')
+    x, y = numbers_of("goal", text, "X,Y", "3,-1.5")
     return x, y
+
+
+def numbers_of(name: str, text: Any, form: str, example: str) -> list[float]:
+    """The numbers of an option of comma-separated ones.
+
+    Raises:
+        InputError: anything else.
+    """
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except (ValueError, AttributeError):
+        numbers = []
+    if len(numbers) != form.count(",") + 1 or not all(map(math.isfinite, numbers)):
+        raise InputError(f'{name} must be "{form}" in m, for instance "{example}", got {text!r}')
+    return numbers
 
 
 def options_of(values: Mapping[str, Any]) -> NavigatorOptions:

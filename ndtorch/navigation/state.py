@@ -12,7 +12,7 @@ from torch import Tensor
 from ndtorch.arguments import check_dense, check_finite, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Command
-from ndtorch.navigation.localisation.state import LocaliserState
+from ndtorch.navigation.localisation.localiser import LocaliserState
 from ndtorch.navigation.mapping import GridMapState
 from ndtorch.navigation.mapping.feature_tracks import Tracks
 from ndtorch.navigation.mapping.observations import Observations

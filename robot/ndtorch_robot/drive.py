@@ -139,12 +139,12 @@ def drive(
         summary["recording"] = recorder.summary() if recorder is not None else None
         trace = runner.navigator.controller.trace
         about = plan, cells, plan.grid(), simulation, respawn.stops, interrupted
-        return Result(config, summary, record, *about, trace, runner_ndt_cells(runner), path.moved(runner.state))
+        return Result(config, summary, record, *about, trace, runner_ndt_cells(runner), path.places())
 
 
 def check_goal(config: DriveConfig, plan: Plan) -> None:
     """Raise `InputError` where a drive shall lead to a place at which there is no room for the car's middle."""
-    goal = None if config.known_map else place_of(config.goal)
+    goal = place_of(config.goal)
     if goal is not None and not plan.clearance(np.array([goal]))[0] > 0:
         left, right, bottom, top = plan.bounds
         raise InputError(
@@ -186,13 +186,6 @@ def show(
     view = start_view(stream, runner, print_note, wait=True, plan=plan)
     stack.callback(view.close)
     return ViewSteps(view, truth=lambda: simulation.pose)
-
-
-def found_after(record: Record, config: DriveConfig) -> float | None:
-    """Seconds until the car had found itself in the known map; None where there was none, or it has not."""
-    if not config.known_map or all(record.lost):
-        return None
-    return round(record.lost.index(False) / config.rate, 3)
 
 
 def pose_errors(record: Record) -> dict[str, dict[str, float]]:
@@ -252,7 +245,6 @@ def summarise(
         "gates": [sum(gates_passed(plan.gates, path)), len(plan.gates)] if len(poses) else [0, len(plan.gates)],
         **config.model_dump(include={"arena", "seed", "controller", "walls", "odometry", "disturbance"}),
         "pose_error": pose_errors(record),
-        "found_s": found_after(record, config),
         "troubles": car.troubles,
         "faults": [stop.why for stop in car.safe.faults],
         "parts_ms": timing,

@@ -10,7 +10,6 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Body, Command, Grid, Navigator, NavigatorState, Pose, StereoRig
-from ndtorch.navigation.mapping.map_rendering import map_cells
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.navigator_table import configuration
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
@@ -100,7 +99,7 @@ class NavigatorRunner:
         if before is None or placed is not None or lost:
             if lost:
                 self.roll(driven)
-            at = self.state.pose if self.state is not None else None
+            at = self.state.pose if self.state is not None else self.options.start_pose()
             if placed is not None:
                 at = Pose(*map(float, placed))
             command, rest = self.navigator.command_first(frames.left, frames.right, start=at)
@@ -142,7 +141,7 @@ class NavigatorRunner:
         """The map as far as is known now, `[rows, columns]`, its largest cell 1."""
         if self.navigator.grid_map is None:
             raise InputError("this runner makes no map: give it a grid")
-        return map_cells(self.navigator.grid_map, self.state)
+        return self.navigator.grid_map.normalised(None if self.state is None else self.state.map)
 
     def mode(self) -> int:
         assert self.state is not None

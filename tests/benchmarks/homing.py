@@ -1,9 +1,8 @@
-"""Home after a long way: out by exploring, back to the start, with localisers that keep more or less.
+"""Home after a long way: out by exploring, back to the start.
 
     python -m tests.benchmarks.homing office 9001 9006    # one line of JSON for each drive
 
-The odometry is wrong and the wheels slip. After 30 to 110 m, as the seed draws, the car is sent home. `submaps` is the
-default; `one map` closes no loops; `packed` packs that map into six bytes a cell every ten seconds.
+The odometry is wrong and the wheels slip. After 30 to 110 m, as the seed draws, the car is sent home.
 """
 
 import json
@@ -12,7 +11,7 @@ import pickle
 import sys
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ import torch
 
 from ndtorch.navigation import ARRIVED
 from ndtorch.navigation.localisation import LocaliserState
-from ndtorch.navigation.localisation.compact_map import compact_map, expand_map
 from ndtorch.navigation.localisation.ndt import to_sparse
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
@@ -35,9 +33,6 @@ from ndtorch_robot.sim.simulation import Simulation
 
 OUT_M, OUT_S, HOME_S, STANDS = (30.0, 110.0), 900.0, 300.0, 30
 """Metres out, seconds after which either leg ends, and steps for which an arrived car has stood."""
-
-PACKED_STEPS = 300
-MODES = "submaps", "one map", "packed"
 
 
 @dataclass
@@ -74,16 +69,12 @@ class Leg:
         car.run(seconds)
 
 
-def drive_home(arena: str, seed: int, mode: str) -> dict[str, Any]:
+def drive_home(arena: str, seed: int) -> dict[str, Any]:
     """Where the car ends, and the bytes that its localiser keeps when it is sent home."""
     wrong: dict[str, object] = {"odometry": "noisy", "disturbance": "slip"}
     asked: dict[str, object] = {"controller": "goal", "explore": True, "localise": True}
     config = load_config(None, {"arena": arena, "seed": seed, **wrong, **asked})
     runner = NavigatorRunner(config.options(), config.rig, config.rate)
-    localiser = runner.navigator.localiser
-    assert localiser is not None
-    localiser.params = replace(localiser.params, loop_closure=mode == "submaps")
-    cell_m, size = localiser.params.cell_m, localiser.params.map_cells
     simulation = Simulation(
         load_arena(arena, seed),
         seed,
@@ -99,31 +90,23 @@ def drive_home(arena: str, seed: int, mode: str) -> dict[str, Any]:
         assert runner.state.located is not None
         return runner.state.located
 
-    def pack(step: Step) -> None:
-        state = located()
-        if mode == "packed" and state.age % PACKED_STEPS == 0:
-            ndt_map = expand_map(compact_map(state.ndt_map, cell_m, home), size, cell_m)
-            assert runner.state is not None
-            runner.state = runner.state._replace(located=state._replace(ndt_map=ndt_map))
-
     out = Leg(runner, simulation, float(np.random.default_rng(seed).uniform(*OUT_M)))
-    out.drive(config, OUT_S, [pack])
+    out.drive(config, OUT_S, [])
     state, turned = located(), simulation.pose[:2]
-    packed = compact_map(state.ndt_map, cell_m, home) if mode == "packed" else to_sparse(state.ndt_map).astype("f4")
+    cells = to_sparse(state.ndt_map)
     rest = [part for name, part in state._asdict().items() if name != "ndt_map"]
     runner.drive_to(*home)
     back = Leg(runner, simulation, math.inf)
-    back.drive(config, HOME_S, [pack])
+    back.drive(config, HOME_S, [])
     assert runner.state is not None
     simulation.close()
     return {
         "arena": arena,
         "seed": seed,
-        "localiser": mode,
         "out_m": round(out.metres, 1),
         "away_m": round(math.dist(turned, home), 1),
         "turning_error_m": round(math.dist(state.pose[:2], turned), 3),
-        "bytes": len(zlib.compress(pickle.dumps((packed, rest)), 9)),
+        "bytes": len(zlib.compress(pickle.dumps((cells, rest)), 9)),
         "arrived": back.stood >= STANDS,
         "error_m": round(math.dist(back.at, home), 3),
         "hits": len(simulation.collisions),
@@ -134,5 +117,4 @@ def drive_home(arena: str, seed: int, mode: str) -> dict[str, Any]:
 if __name__ == "__main__":
     torch.set_num_threads(1)
     for seed in range(int(sys.argv[2]), int(sys.argv[3])):
-        for mode in MODES:
-            print(json.dumps(drive_home(sys.argv[1], seed, mode)), flush=True)
+        print(json.dumps(drive_home(sys.argv[1], seed)), flush=True)

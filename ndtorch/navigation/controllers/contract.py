@@ -225,14 +225,13 @@ class Controller(nn.Module, ABC):
         """
         return state
 
-    def on_pose(self, state: Any, pose: Pose, place: Pose | None, sigma: float = 0.0) -> Any:
+    def on_pose(self, state: Any, pose: Pose, place: Pose) -> Any:
         """The state of one car whose pose was corrected; called of controllers that have goals.
 
         Args:
             state: before.
             pose: where dead reckoning has led; the controller goes on to steer by it.
-            place: where the car is; None while it looks for itself in a known map.
-            sigma: standard deviation of the place, m.
+            place: where the car is.
         """
         return state
 

@@ -145,10 +145,9 @@ class ScaledController(Controller):
         ranges = None if ranges is None else self.ranges_in_units(ranges)
         return self.inner.on_extra_ranges(state, self.in_units(pose), ranges, obstacles)
 
-    def on_pose(self, state: Any, pose: Pose, place: Pose | None, sigma: float = 0.0) -> Any:
+    def on_pose(self, state: Any, pose: Pose, place: Pose) -> Any:
         """As `Controller.on_pose`."""
-        place = None if place is None else self.in_units(place)
-        return self.inner.on_pose(state, self.in_units(pose), place, sigma / self.unit)
+        return self.inner.on_pose(state, self.in_units(pose), self.in_units(place))
 
     def on_goal(self, state: Any, goal: tuple[float, float]) -> Any:
         """As `Controller.on_goal`."""

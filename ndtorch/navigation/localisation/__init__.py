@@ -1,21 +1,5 @@
-"""Localisation: dead reckoning corrected by what is ranged, and relocalisation in a map that was made before."""
+"""Localisation: odometry corrected by matching what is ranged with a map that is made on the way or known before."""
 
-from ndtorch.navigation.localisation.localiser import Localiser
-from ndtorch.navigation.localisation.params import (
-    LocaliserParams,
-    OdometryParams,
-    RelocalisationParams,
-    ReplayParams,
-    SubmapParams,
-)
-from ndtorch.navigation.localisation.state import LocaliserState
+from ndtorch.navigation.localisation.localiser import Localiser, LocaliserParams, LocaliserState
 
-__all__ = [
-    "Localiser",
-    "LocaliserParams",
-    "LocaliserState",
-    "OdometryParams",
-    "RelocalisationParams",
-    "ReplayParams",
-    "SubmapParams",
-]
+__all__ = ["Localiser", "LocaliserParams", "LocaliserState"]

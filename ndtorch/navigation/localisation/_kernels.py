@@ -1,4 +1,4 @@
-"""Kernels of localisation: NDT cells and matching, positions of a search, and visual odometry of rows."""
+"""Kernels of localisation: NDT cells and matching, and visual odometry of rows."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ BLUR_M = 0.02
 
 OUTLIER_GATE = 9.0
 """Squared Mahalanobis distance at which a point has a quarter of its weight; at four times it has none."""
+
+ITERATIONS = 8
+"""Gauss-Newton iterations of a scan match, at most."""
 
 MAX_STEP = 0.1
 """Gauss-Newton steps are no larger than this, m and radians."""
@@ -52,69 +55,31 @@ def add_points(ndt_map: Cells, x: Floats, y: Floats, weight: Floats, cell_m: flo
 
 
 @jit
-def add_cells(ndt_map: Cells, sparse: Floats, pose: tuple[float, float, float], cell_m: float) -> None:
-    """Add sparse cells `[k, 8]` of a frame at a pose to a map in place, each to the cell in which its mean lies."""
-    x, y, heading = pose
-    cos, sin, half = math.cos(heading), math.sin(heading), ndt_map.shape[0] // 2
-    for k in range(len(sparse)):
-        at = sparse[k]
-        w = at[2]
-        mx, my = at[3] / w, at[4] / w
-        xx, xy, yy = at[5] / w - mx * mx, at[6] / w - mx * my, at[7] / w - my * my
-        lx, ly = (at[0] + 0.5) * cell_m + mx, (at[1] + 0.5) * cell_m + my
-        gx, gy = x + cos * lx - sin * ly, y + sin * lx + cos * ly
-        i, j = math.floor(gx / cell_m), math.floor(gy / cell_m)
-        if not (-half <= i < half and -half <= j < half):
-            continue
-        dx, dy = gx - (i + 0.5) * cell_m, gy - (j + 0.5) * cell_m
-        to = ndt_map[i + half, j + half]
-        to[0] += w
-        to[1] += w * dx
-        to[2] += w * dy
-        to[3] += w * (dx * dx + cos * cos * xx - 2 * cos * sin * xy + sin * sin * yy)
-        to[4] += w * (dx * dy + cos * sin * (xx - yy) + (cos * cos - sin * sin) * xy)
-        to[5] += w * (dy * dy + sin * sin * xx + 2 * cos * sin * xy + cos * cos * yy)
-
-
-@jit
 def ndt_match(
-    ndt_map: Cells,
-    x: Floats,
-    y: Floats,
-    weight: Floats,
-    start: tuple[float, float, float],
-    precision: tuple[float, float, float],
-    cell_m: float,
-    iterations: int,
-) -> tuple[float, float, float, float, Floats]:
-    """Pose x, y, heading at which points fit a map, score 0..1, and information xx, xy, yy, xh, yh, hh of the points.
+    ndt_map: Cells, x: Floats, y: Floats, weight: Floats, start: Floats, precision: Floats, cell_m: float
+) -> tuple[Floats, float, Floats]:
+    """Pose `[3]` at which points fit a map, score 0..1, and information `[3, 3]` of the points.
 
     Gauss-Newton on the squared Mahalanobis distances d^2 of the points from the nearest of the nine cells around them,
     weighted by 1 / (1 + d^2 / OUTLIER_GATE)^2, and on the distance from `start`.
 
     Args:
         x, y, weight: points in the body frame, `[n]`.
-        start: predicted pose.
-        precision: one over the variances of its x, y and heading.
+        start: predicted pose, `[3]`.
+        precision: one over the variances of its x, y and heading, `[3]`.
     """
-    half = ndt_map.shape[0] // 2
-    px, py, heading = start
-    b, h, rhs, information = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(6)
-    score = total = 0.0
-    for _ in range(iterations):
-        rhs[0] = -precision[0] * (px - start[0])
-        rhs[1] = -precision[1] * (py - start[1])
-        rhs[2] = -precision[2] * (heading - start[2])
+    half, pose, score = ndt_map.shape[0] // 2, start.copy(), 0.0
+    prior = np.diag(precision)
+    h = np.zeros((3, 3))
+    for _ in range(ITERATIONS):
         h[:] = 0.0
-        for n in range(3):
-            h[n, n] = precision[n]
-        cos, sin = math.cos(heading), math.sin(heading)
-        score = total = 0.0
+        rhs = precision * (start - pose)
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        score = 0.0
         for k in range(len(x)):
             rx, ry = cos * x[k] - sin * y[k], sin * x[k] + cos * y[k]
-            wx, wy = px + rx, py + ry
+            wx, wy = pose[0] + rx, pose[1] + ry
             i, j = math.floor(wx / cell_m), math.floor(wy / cell_m)
-            total += weight[k]
             if not (1 - half <= i < half - 1 and 1 - half <= j < half - 1):
                 continue
             best, vx, vy, xx, xy, yy = 1e9, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -147,43 +112,12 @@ def ndt_match(
             h[0, 2] += w * (rx * xy - ry * xx)
             h[1, 2] += w * (rx * yy - ry * xy)
             h[2, 2] += w * (ry * ry * xx - 2 * rx * ry * xy + rx * rx * yy)
-        information[0], information[1], information[2] = h[0, 0] - precision[0], h[0, 1], h[1, 1] - precision[1]
-        information[3], information[4], information[5] = h[0, 2], h[1, 2], h[2, 2] - precision[2]
-        # Cholesky factor b of h = b b^T.
-        b[0, 0] = math.sqrt(h[0, 0])
-        b[1, 0], b[2, 0] = h[0, 1] / b[0, 0], h[0, 2] / b[0, 0]
-        b[1, 1] = math.sqrt(h[1, 1] - b[1, 0] ** 2)
-        b[2, 1] = (h[1, 2] - b[2, 0] * b[1, 0]) / b[1, 1]
-        b[2, 2] = math.sqrt(h[2, 2] - b[2, 0] ** 2 - b[2, 1] ** 2)
-        u = rhs[0] / b[0, 0]
-        v = (rhs[1] - b[1, 0] * u) / b[1, 1]
-        c = (rhs[2] - b[2, 0] * u - b[2, 1] * v) / b[2, 2] / b[2, 2]
-        v = (v - b[2, 1] * c) / b[1, 1]
-        u = (u - b[1, 0] * v - b[2, 0] * c) / b[0, 0]
-        px += min(max(u, -MAX_STEP), MAX_STEP)
-        py += min(max(v, -MAX_STEP), MAX_STEP)
-        heading += min(max(c, -MAX_STEP), MAX_STEP)
-        if abs(u) + abs(v) + abs(c) < 1e-4:
+        h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
+        step = np.linalg.solve(h + prior, rhs)
+        pose += np.minimum(np.maximum(step, -MAX_STEP), MAX_STEP)
+        if np.abs(step).sum() < 1e-4:
             break
-    return px, py, heading, score / max(total, 1e-9), information
-
-
-@jit
-def score_positions(field: Cells, x: Floats, y: Floats, stride: int, scores: Cells) -> None:
-    """Fill `scores` with the mean of a likelihood field at points `[n]`, in pixels, moved to every n-th pixel."""
-    rows, columns = field.shape
-    for n in range(len(x)):
-        dx, dy = math.floor(x[n] + 0.5), math.floor(y[n] + 0.5)
-        for i in range(scores.shape[0]):
-            row = i * stride + dy
-            if 0 <= row < rows:
-                for j in range(scores.shape[1]):
-                    column = j * stride + dx
-                    if 0 <= column < columns:
-                        scores[i, j] += field[row, column]
-    for i in range(scores.shape[0]):
-        for j in range(scores.shape[1]):
-            scores[i, j] /= len(x)
+    return pose, score / max(weight.sum(), 1e-9), h
 
 
 PATCH_HALF_PX = 8

@@ -12,10 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.navigation.localisation._kernels import MIN_WEIGHT, Cells, Floats, add_points, ndt_match
-
-ITERATIONS = 8
-"""Gauss-Newton iterations of a scan match, at most."""
+from ndtorch.navigation.localisation._kernels import Cells, Floats, add_points, ndt_match
 
 
 class Scan(NamedTuple):
@@ -27,21 +24,12 @@ class Scan(NamedTuple):
 
 
 class ScanMatch(NamedTuple):
-    """A matched pose, m and radians, and its score, 0..1.
+    """A matched pose x, y, m, and heading, radians, `[3]`, its score, 0..1, and its information matrix `[3, 3]` as if
+    all points were independent."""
 
-    `information` `[6]` is the information matrix xx, xy, yy, xh, yh, hh as if all points were independent.
-    """
-
-    x: float
-    y: float
-    heading: float
+    pose: Floats
     score: float
     information: Floats
-
-    @property
-    def pose(self) -> Floats:
-        """The pose as an array `[3]`."""
-        return np.array((self.x, self.y, self.heading))
 
 
 def empty_map(size: int) -> Cells:
@@ -49,48 +37,24 @@ def empty_map(size: int) -> Cells:
     return np.zeros((size, size, 6), np.float32)
 
 
-def transformed(scan: Scan, pose: Floats) -> tuple[Floats, Floats]:
-    """x and y of the points of a scan taken at a pose."""
-    x, y, heading = pose.tolist()
-    cos, sin = np.cos(heading), np.sin(heading)
-    return x + cos * scan.x - sin * scan.y, y + sin * scan.x + cos * scan.y
-
-
 def add_scan(ndt_map: Cells, scan: Scan, pose: Floats, cell_m: float) -> Cells:
     """A copy of the map to which a scan taken at a pose is added."""
+    x, y, heading = pose.tolist()
+    cos, sin = np.cos(heading), np.sin(heading)
     ndt_map = ndt_map.copy()
-    add_points(ndt_map, *transformed(scan, pose), scan.weight, cell_m)
+    add_points(ndt_map, x + cos * scan.x - sin * scan.y, y + sin * scan.x + cos * scan.y, scan.weight, cell_m)
     return ndt_map
 
 
-def match_scan(
-    ndt_map: Cells,
-    scan: Scan,
-    start: Floats,
-    sigma: tuple[float, float],
-    cell_m: float,
-    iterations: int = ITERATIONS,
-) -> ScanMatch:
+def match_scan(ndt_map: Cells, scan: Scan, start: Floats, sigma: tuple[float, float], cell_m: float) -> ScanMatch:
     """The pose at which a scan fits the map.
 
     Args:
         start: predicted pose, `[3]`.
         sigma: standard deviations of its position, m, and of its heading, radians.
-        iterations: of Gauss-Newton, at most.
     """
-    position, heading = (1 / deviation**2 for deviation in sigma)
-    begin, precision = tuple(start.tolist()), (position, position, heading)
-    return ScanMatch(*ndt_match(ndt_map, *scan, begin, precision, cell_m, iterations))
-
-
-def distributions(ndt_map: Cells, cell_m: float) -> tuple[Floats, Floats]:
-    """Means `[k, 2]`, m, and covariances `[k, 2, 2]` of the cells that have enough weight."""
-    at = np.argwhere(ndt_map[..., 0] >= MIN_WEIGHT)
-    sums = ndt_map[at[:, 0], at[:, 1]].astype(np.float64)
-    mean = sums[:, 1:3] / sums[:, :1]
-    square = sums[:, [3, 4, 4, 5]].reshape(-1, 2, 2) / sums[:, :1, None]
-    covariance = square - mean[:, :, None] * mean[:, None, :]
-    return (at - ndt_map.shape[0] // 2 + 0.5) * cell_m + mean, covariance
+    precision = np.array((sigma[0], sigma[0], sigma[1])) ** -2.0
+    return ScanMatch(*ndt_match(ndt_map, *scan, start, precision, cell_m))
 
 
 def to_sparse(ndt_map: Cells) -> Cells:

@@ -20,7 +20,6 @@ from ndtorch.arguments import (
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping._kernels import MapNumbers, MapTables, Rays, beam_cells
 from ndtorch.navigation.mapping.certainty import REACH, BeamTable, beam_table, sample_certainty
-from ndtorch.navigation.mapping.range_log import RangeLog
 from ndtorch.navigation.mapping.tiles import Tiles, add_at, add_by_kernel, cell_tables, check_tiles, empty_tiles
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.stereo.ranging import Ranges
@@ -119,11 +118,9 @@ class GridMapState(NamedTuple):
     Attributes:
         tiles: summed certainty, or log-odds, in tiles; the first and last cell of the grid's rows and columns are a
             margin that collects what lies outside. A step shares the tiles it does not touch with the state before.
-        log: ranges from which the map is rendered again when submaps have moved; None without a localiser.
     """
 
     tiles: Tiles
-    log: RangeLog | None = None
 
     @property
     def cells(self) -> Tensor:
@@ -221,13 +218,13 @@ class GridMap(nn.Module):
             x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
             number = self.numbers(*to_world(pose, x, y))
             tiles = add_at(tiles, number.flatten(-3), (weight * (1 / self.grid.cell**2)).flatten(-3))
-            return GridMapState(tiles, state and state.log)
+            return GridMapState(tiles)
         x, y, change = self.sight(ranges)
         number = self.numbers(*to_world(pose, x, y))
         for t in range(number.shape[-3]):  # frame by frame, because no frame may take a cell over the limit
             at, now = number[..., t, :, :].flatten(-2), change[..., t, :, :].flatten(-2)
             tiles = add_at(tiles, at, now, self.odds.limit)
-        return GridMapState(tiles, state and state.log)
+        return GridMapState(tiles)
 
     def warm_up(self) -> None:
         """Compile or load the kernels."""
@@ -245,7 +242,7 @@ class GridMap(nn.Module):
         count = beam_cells(rays, tuple(pose), self.tables, self.map_numbers, number, weight)
         if count < 0:
             raise InputError("ranges and pose must be finite, got NaN or infinite values")
-        return GridMapState(add_by_kernel(tiles, number[:count], weight[:count]), state and state.log)
+        return GridMapState(add_by_kernel(tiles, number[:count], weight[:count]))
 
     def numbers(self, x: Tensor, y: Tensor) -> Tensor:
         """Indices of the cells that hold points of the world, for `add_at`."""
@@ -269,6 +266,12 @@ class GridMap(nn.Module):
             torch.cat((y, line_y), -1),
             torch.cat((share * seen * self.odds.hit, free), -1),
         )
+
+    def normalised(self, state: GridMapState | None) -> Tensor:
+        """The normalised map `[rows, columns]` of one car; zeros before anything was mapped."""
+        if state is None:
+            return torch.zeros(self.grid.rows, self.grid.columns)
+        return self.normalise(self.grid.inner(state.cells))
 
     @staticmethod
     def normalise(cells: Tensor) -> Tensor:

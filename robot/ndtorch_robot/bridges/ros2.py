@@ -12,7 +12,6 @@ from pydantic import Field
 from rosbags.interfaces import Nodetype
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.mapping.map_rendering import map_cells
 from ndtorch.utils.packages import need
 from ndtorch.utils.toml import Strict
 from ndtorch_robot import ros_messages as ros
@@ -92,7 +91,7 @@ class Ros2Bridge(Bridge):
         if self.grid is not None and step.time - self.mapped >= self.settings.map_period_s:
             self.mapped = step.time
             assert navigator.grid_map is not None
-            self.send["map"](ros.occupancy_grid(map_cells(navigator.grid_map, state), self.grid, now))
+            self.send["map"](ros.occupancy_grid(navigator.grid_map.normalised(state.map), self.grid, now))
 
     def poll(self) -> None:
         for message in self.take_goals():

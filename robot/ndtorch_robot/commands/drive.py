@@ -165,9 +165,6 @@ def describe(result: Result) -> str:
             for name, label in (("believed", "dead reckoning"), ("located", "corrected"))
             if name in errors
         ]
-        if c.known_map:
-            found = s["found_s"]
-            words.append("not found in the known map" if found is None else f"found in the known map after {found} s")
         located = [f"  error of the pose at the end: {', '.join(words)}"]
     lines = [
         f"{c.arena}, seed {c.seed}, {c.controller}"

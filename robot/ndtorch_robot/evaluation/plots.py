@@ -45,7 +45,7 @@ SHOWN_SECONDS = 40.0
 """Longest part of a drive whose speeds can be read in one plot."""
 
 MOVED = 0.5
-"""Metres between two places of a path from which on the car was moved, or has been relocalised."""
+"""Metres between two places of a path from which on the car was moved."""
 
 OUTCOMES = ((GREEN, "reached the goal"), (VERMILION, "collided"), (BLUE, "out of time"))
 """How an attempt at a BARN world ended."""

@@ -29,7 +29,6 @@ class Record:
         pose: true x, y, heading, for the scorer.
         believed: the same by dead reckoning.
         located: the same as corrected by the localiser; by dead reckoning where there is none.
-        lost: whether the localiser still looks for the car in a known map.
         command: speed and curvature sent.
         sides: speed estimates, left and right.
         difference: what the controller weighed; see its `trace`.
@@ -43,7 +42,6 @@ class Record:
     pose: list[tuple[float, float, float]] = field(default_factory=list)
     believed: list[tuple[float, float, float]] = field(default_factory=list)
     located: list[tuple[float, float, float]] = field(default_factory=list)
-    lost: list[bool] = field(default_factory=list)
     command: list[DriveCommand] = field(default_factory=list)
     sides: list[Floats] = field(default_factory=list)
     difference: list[float] = field(default_factory=list)
@@ -65,7 +63,6 @@ class Record:
         self.pose.append(pose)
         for poses, pose_ in ((self.believed, state.pose), (self.located, state.place)):
             poses.append((float(pose_.x), float(pose_.y), float(pose_.heading)))
-        self.lost.append(state.located is not None and state.located.relocalisation is not None)
         self.command.append(command)
         self.sides.append(np.asarray(state.sides, np.float64))
         self.difference.append(float(state.difference))

@@ -49,9 +49,6 @@ from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 
-USUAL_SIGMA, LOST_M, MIN_SPEED_RATIO = 0.03, 0.2, 0.4
-"""Standard deviation of the place of a car that sees enough, m; beyond it the car drives slower, down to a ratio."""
-
 
 @register
 class GoalControl(Controller):
@@ -147,7 +144,6 @@ class GoalControl(Controller):
             no_progress_s=0.0,
             mode=SUPPRESSED,
             margin=math.inf,
-            uncertain_m=0.0,
         )
 
     def step(
@@ -176,12 +172,9 @@ class GoalControl(Controller):
         """As `RangingControl.on_near_obstacles`."""
         return state._replace(reactive=self.reactive.on_near_obstacles(state.reactive, pose, scan))
 
-    def on_pose(self, state: GoalState, pose: Pose, place: Pose | None, sigma: float = 0.0) -> GoalState:
-        """As `Controller.on_pose`: goals are where the car is told that it is, not where dead reckoning has them.
-
-        What exceeds the usual deviation makes the car slower, and its footprint wider.
-        """
-        return with_pose(state, pose, place)._replace(uncertain_m=max(0.0, sigma - USUAL_SIGMA))
+    def on_pose(self, state: GoalState, pose: Pose, place: Pose) -> GoalState:
+        """As `Controller.on_pose`: goals are where the localiser has them, not where dead reckoning has them."""
+        return with_pose(state, pose, place)
 
     def on_goal(self, state: GoalState, goal: tuple[float, float]) -> GoalState:
         """As `Controller.on_goal`."""
@@ -233,9 +226,6 @@ class GoalControl(Controller):
         state = next_task(state, here, self.tasks, self.params)
         if state.task == DONE:
             return Command(0.0, 0.0), state._replace(mode=ARRIVED)
-        if state.localised < 0:
-            # A place in a known map means nothing before the car has found itself there.
-            return reaction, state._replace(due=0, mode=state.reactive.mode)
         state = self.turned(state, here[2])
         if state.reactive_steps <= 0 and state.due <= 0 and math.isinf(state.turn_to):
             state = replan(state, here, self.params, self.every)
@@ -263,7 +253,6 @@ class GoalControl(Controller):
         safe = braking_speed(free, brake, delay)
         seen = seen_length(path, aim.at, state.seen, here)
         speed = min(wanted, safe, max(braking_speed(seen, brake, delay), p.unknown_speed_m_per_s))
-        speed *= max(MIN_SPEED_RATIO, 1 - state.uncertain_m / LOST_M)
         stopping = speed * delay + speed * speed / (2 * brake)
         blocked = safe < 0.1
         refused = state.vetoed + 1 if blocked else 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -26,9 +25,6 @@ SPIN_LOOK_M = 0.6
 SPIN_ABOVE, SPIN_BELOW = math.radians(60), math.radians(15)
 """It turns on the spot where that heading is farther off than the first, until it is nearer than the second."""
 
-MAX_WIDER_M = 0.05
-"""The footprint of a car whose place is uncertain grows by this much at most."""
-
 PROGRESS_M = 0.1
 """A path to a frontier that costs this much less than before is progress."""
 
@@ -41,7 +37,6 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
         every: time steps until the next plan.
     """
     p, grid, blocked = params, params.reactive.grid, params.reactive.blocked_evidence
-    wide = replace(p.planner, safety_margin_m=p.planner.safety_margin_m + min(state.uncertain_m, MAX_WIDER_M))
     around = local_map(state.reactive.grid.evidence, here[0], here[1], grid, blocked, -FREE_RATIO * blocked)
     goal = task_goal(state, p)
     clear = clearance(around.blocked if goal is None else with_backs(around, p.planner.hidden_depth_m), around.cell)
@@ -52,7 +47,7 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
         goals = goal_costs(around, goal, p.planner)
     at = min(state.at + 1, max(0, state.points - 1))
     curvature = float(state.path[at, 3]) if state.points else 0.0
-    made = plan(around, clear, goals, here, curvature, float(state.direction), wide, through=goal is not None)
+    made = plan(around, clear, goals, here, curvature, float(state.direction), p.planner, through=goal is not None)
     if goal is None:
         state = check_progress(state, made, around, here, p)
     limits = SpeedLimits(
@@ -64,7 +59,7 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
     points = min(len(made.path), MAX_POINTS)
     path = np.zeros((MAX_POINTS, 6), np.float32)
     path[:points, :5] = made.path[:points]
-    path[:points, 5] = speed_profile(made, around, limits, wide)[:points]
+    path[:points, 5] = speed_profile(made, around, limits, p.planner)[:points]
     turn_to = math.inf
     if p.reactive.body.spins and math.isfinite(made.cost):
         heading = path_heading(made.to_go, around, here, p.planner.costmap_cells)

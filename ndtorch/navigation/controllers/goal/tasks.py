@@ -25,7 +25,7 @@ class GoalState(NamedTuple):
         visited: 1 in visited cells; no cells without exploration.
         home: x, y where the drive began, m, in the frame of goals.
         frame: that frame in the frame of dead reckoning: x, y, m, and heading, radians.
-        localised: 1 once the pose was corrected, -1 during relocalisation, 0 with dead reckoning alone.
+        localised: 1 once the pose was corrected, 0 with dead reckoning alone.
         task: `GOAL`, `EXPLORE`, `HOME` or `DONE`.
         path: `[MAX_POINTS, 6]`: x, y, heading, curvature, direction, and speed, m/s.
         points, seen, at: number of its points, and of those before unknown cells; index of the one reached.
@@ -41,7 +41,6 @@ class GoalState(NamedTuple):
         mode: what the car is doing.
         margin: free and seen distance ahead less the distance in which the commanded speed is braked, m; inf where the
             path is not followed ahead.
-        uncertain_m: standard deviation of the place of the car beyond the usual one, m.
     """
 
     reactive: RangingState
@@ -66,7 +65,6 @@ class GoalState(NamedTuple):
     no_progress_s: float
     mode: int
     margin: float
-    uncertain_m: float
 
 
 def requested_tasks(params: GoalParams) -> list[int]:
@@ -97,13 +95,11 @@ def map_frame(pose: Pose, place: Pose) -> tuple[float, float, float]:
     return pose.x - ahead, pose.y - aside, turned
 
 
-def with_pose(state: GoalState, pose: Pose, place: Pose | None) -> GoalState:
-    """The state of a car whose pose was corrected, or is unknown; see `Controller.on_pose`.
+def with_pose(state: GoalState, pose: Pose, place: Pose) -> GoalState:
+    """The state of a car whose pose was corrected; see `Controller.on_pose`.
 
     Home is kept in the frame of dead reckoning until the first correction, and in that of the map from then on.
     """
-    if place is None:
-        return state._replace(localised=-1)
     frame, home = map_frame(pose, place), state.home
     if state.localised != 1:
         home = in_odometry((0.0, 0.0, -frame[2]), home[0] - frame[0], home[1] - frame[1])
@@ -121,7 +117,7 @@ def next_task(state: GoalState, here: tuple[float, float, float], tasks: list[in
     Exploration is done when no path to a frontier was found for some time. Once is not enough: at the start no floor
     was seen yet, and beyond a corner that the reactive controller turns around there is more.
     """
-    if state.task == DONE or state.localised < 0:
+    if state.task == DONE:
         return state
     goal = task_goal(state, params)
     arrived = goal is not None and math.hypot(goal[0] - here[0], goal[1] - here[1]) <= params.goal_tolerance_m
