@@ -167,7 +167,7 @@ def test_filters_that_begin_anew_see_no_motion_in_their_first_frame(controller):
 def test_a_controller_that_plans_in_what_it_saw_long_ago_counts_by_what_is_seen_of_slip() -> None:
     rig, here = StereoRig(), Pose(9.0, 9.0, 0.0)
     localiser = Localiser(rig, DT)
-    located = localiser.start(np.zeros(3))._replace(odometry=np.array((1.0, 2.0, 0.5)))
+    located = localiser.start(np.array((1.0, 2.0, 0.5)))
     for name, expected in (("goal", Pose(1.0, 2.0, 0.5)), ("ranging", here)):
         navigator = Navigator(rig, DT, controller=name, localiser=localiser)
         assert navigator.control_pose(here, located) == expected

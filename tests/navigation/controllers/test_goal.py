@@ -22,7 +22,6 @@ from ndtorch.navigation.controllers.goal.tasks import (
     is_fruitless,
     next_task,
     task_goal,
-    with_pose,
 )
 from ndtorch.navigation.local_grid._kernels import LocalGrid
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid
@@ -172,42 +171,7 @@ def test_goals_are_where_the_car_is_told_that_it_is():
     assert int(next_task(told, (0.1, 1.0, 0.0), control.tasks, params).task) == HOME
 
 
-def test_an_uncertain_place_slows_the_car_and_widens_its_footprint():
-    """The middle of a gap is 25 cm from the cells of the wall; 24 cm are enough, 29 cm are not."""
-    control = GoalControl(RIG, DT, GoalParams(goal=(2.0, 0.0), reactive=SMALL))
-    pose, state, fast = drive(control, 40, place(0.0, 0.0, 0.0))
-    slow, _ = control.step(floor(), nothing(), pose, fast, control.on_pose(state, pose, pose, 1.0))
-    assert slow.speed == pytest.approx(0.4 * fast.speed, rel=0.02)
-    grid = empty_grid(0.0, 0.0, SMALL.grid)
-    grid.evidence[:] = -2.0
-    y = np.arange(0.26, 3.1, 0.05)
-    y = np.concatenate((y, -y))
-    grid.evidence.reshape(-1)[cells_at((0.0, 0.0, 0.0), np.full_like(y, 1.2), y, SMALL.grid)] = 5.0
-    start = control.start(floor(), place(0.0, 0.0, 0.0))
-    start = start._replace(reactive=start.reactive._replace(grid=grid))
-    for uncertain, fits in ((0.0, True), (0.05, False)):
-        state = replan(start._replace(uncertain_m=uncertain), (0.0, 0.0, 0.0), control.params, 6)
-        assert (state.path[: state.points, 0].max(initial=0.0) > 1.5) == fits
-
-
 @pytest.mark.slow
-def test_while_the_car_looks_for_itself_in_a_known_map_no_goal_is_reached_and_home_stays_where_it_was():
-    params = GoalParams(goal=(0.0, 0.0), return_home=True, reactive=SMALL)
-    control = GoalControl(RIG, DT, params)
-    pose, _, _ = drive(control, 20, place(*HERE))
-    state = with_pose(control.start(floor(), place(*HERE)), pose, None)
-    assert int(next_task(state, HERE, control.tasks, params).task) == GOAL
-    _, after, _ = drive(control, 20, pose, state)
-    assert int(after.points) == 0
-    # Found: the car is at 5, 5 and heads along y. Where it began lies behind it.
-    found = with_pose(state, place(1.0, 0.0, 0.0), place(5.0, 5.0, math.pi / 2))
-    assert found.home == pytest.approx([5.0, 4.0], abs=1e-5)
-    assert task_goal(found._replace(task=HOME), params) == pytest.approx((0, 0), abs=1e-5)
-    # Later corrections move it with the building.
-    later = with_pose(found, place(1.0, 0.0, 0.0), place(5.0, 5.5, math.pi / 2))
-    assert later.home == pytest.approx([5.0, 4.0], abs=1e-5)
-
-
 def blind(state):
     """Nothing is known of the surroundings."""
     grid = state.reactive.grid
