@@ -33,7 +33,7 @@ SLIP_GATE = 9.0
 """Wheels count as slipping beyond this squared Mahalanobis distance from visual odometry."""
 
 MAX_ERROR, MIN_INLIERS, MIN_INLIER_RATIO = 1.5, 2, 0.7
-"""Mean squared error of inliers of visual odometry in standard deviations, at most; their number and ratio, at least."""
+"""Mean squared error of visual inliers in standard deviations, at most; their number and ratio, at least."""
 
 MIN_SIGMA = np.array((0.001, 0.0001))
 """Standard deviations of visual distance, m, and turn, radians, at best."""

@@ -46,7 +46,7 @@ class SavedMap(NamedTuple):
     Attributes:
         cells: `[rows, columns]`, the largest is 1; row 0 is at the smallest y.
         grid: where the cells are.
-        ndt_cells: sparse NDT cells for relocalisation, `[k, 8]`, see `ndtorch.navigation.localisation.ndt`; None in a
+        ndt_cells: sparse NDT cells, `[k, 8]`, see `ndtorch.navigation.localisation.ndt`; None in a
             map that was made without `localise`. The file calls them `walls`.
     """
 
