@@ -96,7 +96,7 @@ def lead_to_copies(app: Any, name: str, source: list[str]) -> None:
 
 
 COMMON = {
-    "vision": "VisualFeatures HassensteinReichardt OrientedDoG HighPass LowPass NDMin CoherentMotion FEATURES",
+    "vision": "VisualFeatures HassensteinReichardt OrientedDoG HighPass LowPass NDMin FEATURES",
     "scenes": "two_bars three_bars one_bar equal_bars make_scene open_video FrameSource BarScene RandomShadow",
     "binding": "BindingModel BindingInputs InhibitoryNetwork learning_rule object_table BoundObject Attention",
     "navigation": "Navigator StereoRig Command SaccadeController StereoRanging GridMap Localiser NavigatorState",

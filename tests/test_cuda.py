@@ -9,7 +9,6 @@ from ndtorch.errors import InputError
 from ndtorch.scenes import RED, Bar, BarScene, Distance, RandomShadow, SineShadow
 from ndtorch.utils.backend import set_backend
 from ndtorch.vision import (
-    CoherentMotion,
     HassensteinReichardt,
     LocalFeatures,
     NDMin,
@@ -44,7 +43,6 @@ MODULES = {
     "features in fields": LocalFeatures(VisualFeatures((48, 64)), fields=4),
     "oriented DoG": OrientedDoG((48, 64)),
     "HR": HassensteinReichardt(),
-    "coherent motion": CoherentMotion((48, 64)),
     "ND-min": NDMin(),
     "ND-minus": NDMinus(),
     "resample": Resample(0.04, 0.01),

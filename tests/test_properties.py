@@ -78,10 +78,6 @@ PARTS: dict[str, Part] = {
     "OrientedDoG": Part(lambda: vision.OrientedDoG(SIZE), pictures, state=False),
     "VisualFeatures": Part(lambda: vision.VisualFeatures(SIZE), pictures),
     "LocalFeatures": Part(lambda: vision.LocalFeatures(vision.VisualFeatures(SIZE), 4), pictures),
-    "CoherentMotion": Part(
-        lambda: vision.CoherentMotion((40, 48), DT, vision.CoherentParams(kept=0.3, fastest=9.0)),
-        lambda draw: (draw(3, 40, 48),),
-    ),
     "ForegroundModel": Part(
         lambda: binding.ForegroundModel(ForegroundConfig(size=(40, 48), fps=30.0)),
         lambda draw: (draw(3, 40, 48),),

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     )
     from ndtorch.scenes.bars import Bar, BarScene
     from ndtorch.scenes.base import FrameSource, RenderedScene
-    from ndtorch.scenes.dots import CommonFate, common_fate
     from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
     from ndtorch.scenes.gratings import FlickeringGrating, MovingGrating
     from ndtorch.scenes.named import SCENES, NamedScene, make_scene, scene_names
@@ -33,7 +32,6 @@ __all__ = [
     "SCENES",
     "Bar",
     "BarScene",
-    "CommonFate",
     "Distance",
     "FlickeringGrating",
     "Fluctuation",
@@ -47,7 +45,6 @@ __all__ = [
     "SineShadow",
     "VideoSource",
     "VideoWriter",
-    "common_fate",
     "equal_bars",
     "hsl_color",
     "make_scene",

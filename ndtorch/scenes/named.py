@@ -49,7 +49,6 @@ SCENES: dict[str, NamedScene] = {
         "bar_scenes:two_bars", "red and green bars that do not fluctuate at all", {"fluctuation": "none"}
     ),
     "equal-bars": NamedScene("bar_scenes:equal_bars", "three green bars alike in all but their fluctuation", {}),
-    "common-fate": NamedScene("dots:common_fate", "patches of random dots that nothing but their motion shows", {}),
     "rings": NamedScene(
         "stimuli:rings", "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}
     ),

@@ -2,7 +2,6 @@
 
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
-from ndtorch.vision.coherent import CoherentMotion, CoherentParams, CoherentState
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
 from ndtorch.vision.nondirectional import NDS, SPEED_SCALE, NDMin, NDMinus, NDSState, spatial_maximum
@@ -28,9 +27,6 @@ __all__ = [
     "NDS",
     "SPEED_SCALE",
     "ChahlSrinivasan",
-    "CoherentMotion",
-    "CoherentParams",
-    "CoherentState",
     "FilterState",
     "HassensteinReichardt",
     "HighPass",

@@ -14,36 +14,28 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.config import Constants, constant
 from ndtorch.errors import InputError
-from ndtorch.foreground.arrays import Array, Bools, Floats
 from ndtorch.utils.jit import jit
 
-LAGS = 12
-"""Longest delay of a product, frames."""
-SHORT = 4
-"""Longest delay by which the ground is found, frames: some dots live for a few frames only."""
-REACH = 64
-"""Largest displacement that is correlated, pixels."""
+LAGS, SHORT = 12, 4
+"""Longest delay of a product, and longest by which the ground is estimated, frames: some dots live for a few only."""
+FASTEST, STEP, LEAST_DIFFERENCE = 5.0, 0.125, 0.2
+"""Largest speed, grid step, and least difference of figure and ground, pixels a frame."""
+REACH, AROUND = 64, 3
+"""Largest displacement that is correlated, and radius of a peak, pixels."""
 POINTS = 5000
 """Number of points by which velocities are compared."""
-AROUND = 3
-"""Pixels around a peak of a correlation that make its centroid."""
+SURROUND = 9
+"""Side of the window whose mean is subtracted, pixels."""
+LEAST_CONTRAST, LEAST_SURVIVAL = 0.4, 0.15
+"""Least contrast of a point, and ratio of points that live as long as a delay in use."""
+CANDIDATES, WINDOW = 10, 0.42
+"""Number of velocities tried for the figure; deviation of the outline's window, distances of moving points."""
 
+Array = npt.NDArray[Any]
+Floats = npt.NDArray[np.float32]
+Bools = npt.NDArray[np.bool_]
 Numbers = npt.NDArray[np.float64]
-
-
-class FigureGroundParams(Constants):
-    """Constants of `figure_ground`. Velocities are pixels a frame."""
-
-    fastest: float = constant(5.0, "largest speed of figure and ground", gt=0, le=(REACH - AROUND - 1) / LAGS)
-    step: float = constant(0.125, "distance of neighboring velocities", gt=0.01)
-    least_difference: float = constant(0.2, "least difference of the two velocities", gt=0)
-    surround: int = constant(9, "side of the window whose mean is subtracted, pixels", gt=1)
-    least_contrast: float = constant(0.4, "least contrast of a point, where that of most is 1", gt=0, lt=1)
-    least_survival: float = constant(0.15, "ratio of points that live as long as a delay in use", gt=0, lt=1)
-    candidates: int = constant(10, "number of velocities that are tried for the figure", gt=0)
-    window: float = constant(0.42, "deviation of the window of the outline, distances of moving points", gt=0)
 
 
 class FigureGround(NamedTuple):
@@ -62,49 +54,61 @@ class FigureGround(NamedTuple):
     confidence: float
 
 
-def figure_ground(frames: npt.ArrayLike, params: FigureGroundParams | None = None) -> FigureGround:
-    """Segments a short film. A figure is always chosen; `confidence` says how much speaks for it.
+def figure_ground(frames: npt.ArrayLike) -> FigureGround:
+    """Segment a short film into a figure and a ground that move apart.
 
     Args:
         frames: grey values `[T, H, W]`, three frames or more.
-        params: constants.
+
+    Returns:
+        A figure is always chosen; `confidence` says how much evidence there is for it.
 
     Raises:
-        InputError: another shape, fewer frames, fewer than 32 x 32 pixels, values that are not finite, or constants
-            that leave no velocity for the figure.
+        InputError: another shape, fewer frames, fewer than 32 x 32 pixels, or values that are not finite.
+
+    Example:
+        >>> dots = (np.random.default_rng(0).random((2, 96, 96)) < 0.05).astype(np.float32)
+        >>> film = np.stack([np.roll(dots[0], t, 1) for t in range(8)])  # the ground goes right
+        >>> for t in range(8):
+        ...     film[t, 30:60, 30 - t : 60 - t] = dots[1, 30:60, 30:60]  # a square goes left
+        >>> figure_ground(film).velocity[0] < 0
+        True
     """
-    p = params or FigureGroundParams()
     film = np.asarray(frames, np.float32)
     if film.ndim != 3 or len(film) < 3 or min(film.shape[1:]) < 32:
         raise InputError(f"frames must be [T, H, W], three of 32x32 pixels at least, got {list(film.shape)}")
     if not np.isfinite(film).all():
         raise InputError("frames must be finite")
-    images = local_contrast(film, p.surround)
+    # Frames less the mean around each pixel, -1 to 1, where the contrast of most points is 1.
+    images = np.stack([cv2.GaussianBlur(f - cv2.blur(f, (SURROUND, SURROUND)), (0, 0), 0.8) for f in film])
+    size = np.abs(images)
+    level = float(np.median(size[size > 0.3 * size.max()])) if size.any() else 1.0
+    images = np.clip(images / max(level, 1e-12), -1, 1).astype(np.float32)
     lags = np.arange(1, min(LAGS, len(film) - 1) + 1)
     autocorrelation, maps = correlations(images, lags)
-    line = np.arange(-p.fastest, p.fastest + 1e-9, p.step)
+    line = np.arange(-FASTEST, FASTEST + 1e-9, STEP)
     grid = np.stack(np.meshgrid(line, line), -1)
-    grid = grid[np.linalg.norm(grid, axis=-1) <= p.fastest + 1e-9]
+    grid = grid[np.linalg.norm(grid, axis=-1) <= FASTEST + 1e-9]
 
     weights = (lags <= SHORT).astype(float)
     ground = refined(maps, lags, weights, grid[at_velocities(maps, lags, weights, grid).argmax()])
-    weights = survival(maps, lags, ground, p.least_survival)
+    weights = survival(maps, lags, ground, LEAST_SURVIVAL)
     ground = refined(maps, lags, weights, ground)
     residual = np.stack(
         [without_peak(image, autocorrelation, lag * ground) for image, lag in zip(maps, lags, strict=True)]
     )
-    grid = grid[np.linalg.norm(grid - ground, axis=-1) > p.least_difference]
-    if not len(grid):
-        raise InputError(f"least_difference must be less than fastest, got {p.least_difference:g} and {p.fastest:g}")
+    grid = grid[np.linalg.norm(grid - ground, axis=-1) > LEAST_DIFFERENCE]
     value = at_velocities(residual, lags, weights, grid)
 
-    points = contrast_points(images, p.least_contrast)
+    size = np.abs(images)
+    top = np.stack([cv2.dilate(image, np.ones((3, 3), np.uint8)) for image in size])
+    points = np.argwhere((size >= top) & (size > LEAST_CONTRAST))
     some = np.ascontiguousarray(points[:: 1 + len(points) // POINTS])
     base = products(images, some, ground, weights)
     whole = float(np.percentile(base, 75)) if len(base) else 1.0
     # Only points that move with one of the two show the outline.
     moving = len(points) / max(1, len(base)) * float(np.maximum(base, 0).sum())
-    window = p.window * np.sqrt(images.size / max(1.0, moving))
+    window = WINDOW * np.sqrt(images.size / max(1.0, moving))
 
     def evidence(velocity: Numbers) -> float:
         change = np.clip((products(images, some, velocity, weights) - base) / max(whole, 1e-6), -1, 1)
@@ -112,9 +116,9 @@ def figure_ground(frames: npt.ArrayLike, params: FigureGroundParams | None = Non
         return float(outline[strongest_part(outline)].sum())
 
     tried: list[Numbers] = []
-    while len(tried) < p.candidates and len(grid):
+    while len(tried) < CANDIDATES and len(grid):
         tried.append(grid[value.argmax()])
-        far = np.linalg.norm(grid - tried[-1], axis=-1) >= 3 * p.step
+        far = np.linalg.norm(grid - tried[-1], axis=-1) >= 3 * STEP
         grid, value = grid[far], value[far]
     figure = max(tried, key=evidence)
     figure = max((figure, refined(residual, lags, weights, figure)), key=evidence)
@@ -127,15 +131,6 @@ def figure_ground(frames: npt.ArrayLike, params: FigureGroundParams | None = Non
     confidence = 0.5 + 0.5 * float(outline[mask].sum()) / total if total > 0 else 0.0
     x, y = figure.tolist()
     return FigureGround(mask, (x, y), (float(ground[0]), float(ground[1])), confidence)
-
-
-def local_contrast(film: Floats, surround: int) -> Floats:
-    """Frames less the mean around each pixel, -1 to 1, where the contrast of most points is 1."""
-    images = np.stack([cv2.GaussianBlur(f - cv2.blur(f, (surround, surround)), (0, 0), 0.8) for f in film])
-    size = np.abs(images)
-    high = size[size > 0.3 * size.max()]
-    level = float(np.median(high)) if len(high) else 1.0
-    return np.clip(images / max(level, 1e-12), -1, 1).astype(np.float32)
 
 
 def correlations(images: Floats, lags: npt.NDArray[np.int64]) -> tuple[Floats, Floats]:
@@ -196,13 +191,6 @@ def without_peak(image: Floats, autocorrelation: Floats, shift: Numbers) -> Floa
     peak = cv2.warpAffine(autocorrelation, move, autocorrelation.shape[::-1])
     high = peak > 0.3 * peak.max()
     return np.asarray(image - image[high].sum() / max(float(peak[high].sum()), 1e-12) * peak, np.float32)
-
-
-def contrast_points(images: Floats, least: float) -> npt.NDArray[np.int64]:
-    """Frame, row and column of the local maxima of contrast, `[N, 3]`."""
-    size = np.abs(images)
-    top = np.stack([cv2.dilate(image, np.ones((3, 3), np.uint8)) for image in size])
-    return np.argwhere((size >= top) & (size > least))
 
 
 @jit

@@ -280,7 +280,7 @@ def test_scenes_by_name() -> None:
     for name in scene_names():
         scene = make_scene(name)
         assert scene.name == name
-        assert scene.length == (75 if name == "common-fate" else 1900)
+        assert scene.length == 1900
         assert SCENES[name].description
         assert next(iter(scene.chunks(2))).shape[-4:-2] == (2, 3)
     still = make_scene("two-bars-still-light")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.vision.figure_ground import FigureGroundParams, figure_ground, refined
+from ndtorch.vision.figure_ground import figure_ground, refined
 
 
 def film(figure: tuple[int, int], ground: tuple[int, int], seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -45,11 +45,6 @@ def test_confidence_is_lower_without_a_figure() -> None:
 def test_refused(frames: np.ndarray) -> None:
     with pytest.raises(InputError, match="frames must be"):
         figure_ground(frames)
-
-
-def test_constants_that_leave_no_velocity_are_refused() -> None:
-    with pytest.raises(InputError, match="least_difference"):
-        figure_ground(film((2, 1), (-1, 0))[0], FigureGroundParams(fastest=1.0, least_difference=9.0))
 
 
 def test_a_velocity_at_the_end_of_the_map_stays_there() -> None:

@@ -1,4 +1,4 @@
-"""Directed, coherent and non-directional motion."""
+"""Directed and non-directional motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from torch.autograd import gradcheck
 
-from ndtorch.vision import CoherentMotion, CoherentParams, HassensteinReichardt
+from ndtorch.vision import HassensteinReichardt
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, row_shift
 from ndtorch.vision.motion import BORDERS, Border
 from ndtorch.vision.nondirectional import NDS, NDMin, NDMinus, spatial_maximum
@@ -99,34 +99,6 @@ def test_gradients_of_images_and_sums(border: Border) -> None:
         return module.sums(high, delayed)
 
     assert torch.autograd.gradcheck(sums, (frames[:, 0],))
-
-
-FEW = CoherentParams(kept=0.5, fastest=27.0, step=13.5)
-
-
-def drift(step: tuple[int, int], frames: int = 16, size: tuple[int, int] = (48, 60)) -> torch.Tensor:
-    """Random dots that move by `step` columns and rows a frame, `[T, 1, H, W]`."""
-    dots = (torch.rand(size, generator=torch.Generator().manual_seed(0)) < 0.05).float()
-    return torch.stack([dots.roll((n * step[1], n * step[0]), (0, 1)) for n in range(frames)]).unsqueeze(1)
-
-
-@pytest.mark.parametrize("step", [(1, 0), (0, -1), (-1, 1)])
-def test_the_peak_is_at_the_velocity(step: tuple[int, int]) -> None:
-    motion = CoherentMotion((48, 60), 0.04)
-    maps = motion.maps(motion.advance(drift(step)))
-    best = motion.velocities[maps.flatten(1).mean(1).argmax()]
-    nearest = (motion.velocities - 25 * torch.tensor(step)).norm(dim=-1).argmin()
-    assert best.tolist() == motion.velocities[nearest].tolist()
-
-
-def test_what_moves_together_is_much_and_what_does_not_is_little() -> None:
-    # Dots are 27 pixels a second on, which the grid holds; others are drawn anew in every frame.
-    motion = CoherentMotion((48, 60), 1 / 27, FEW)
-    anew = (torch.rand(30, 1, 48, 60, generator=torch.Generator().manual_seed(1)) < 0.05).float()
-    (which,) = (motion.velocities == torch.tensor([27.0, 0.0])).all(1).nonzero()[0].tolist()
-    together, apart = (motion.maps(motion.advance(frames))[which] for frames in (drift((1, 0), 30), anew))
-    assert float(together[:, 3:].amin()) > 0.5
-    assert float(apart.abs().amax()) < 0.25
 
 
 SENSORS = [NDMin(), NDMinus(), NDS(), NDS(tau_low=0.02), ChahlSrinivasan()]

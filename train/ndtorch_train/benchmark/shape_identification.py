@@ -65,25 +65,16 @@ CONDITIONS: Mapping[str, Condition] = {
 
 
 def outline(rng: np.random.Generator) -> Floats:
-    """A closed curve `[1000, 2]` through five to eight corners, its box of side 1 along its axes."""
+    """A closed smooth curve `[1000, 2]` through five to eight corners, its box of side 1 along its axes."""
     count = rng.integers(5, 9)
-    radius = rng.normal(1, 0.4, count).clip(0.1, 1.9)
-    sector = np.pi / count
-    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    angle = angle + rng.normal(0, 0.5 * sector, count).clip(-sector, sector)
-    corners = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
+    angle = 2 * np.pi * (np.arange(count) + rng.normal(0, 0.25, count).clip(-0.5, 0.5)) / count
+    corners = rng.normal(1, 0.4, count).clip(0.1, 1.9)[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     corners = np.concatenate([corners, corners[:1]])
-    at = np.append(0, np.linalg.norm(np.diff(corners, axis=0), axis=-1).cumsum())
-    along = np.linspace(0, at[-1], 1000)
-    if rng.random() < 0.5:
-        path = CubicSpline(at, corners, bc_type="periodic")(along)
-    else:
-        path = np.stack([np.interp(along, at, side) for side in corners.T], -1)
+    along = np.append(0, np.linalg.norm(np.diff(corners, axis=0), axis=-1).cumsum())
+    path = CubicSpline(along, corners, bc_type="periodic")(np.linspace(0, along[-1], 1000))
     path = path - path.mean(0)
     path = path @ np.linalg.svd(path, full_matrices=False)[2].T
-    path = path / np.ptp(path, 0)
-    moments = cv2.moments((1000 * path).astype(np.float32))
-    return np.asarray(path - np.array([moments["m10"], moments["m01"]]) / (1000 * moments["m00"]))
+    return np.asarray(path / np.ptp(path, 0))
 
 
 class Film:
