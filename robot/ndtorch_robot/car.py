@@ -1,4 +1,4 @@
-"""The only loop: cameras, navigator, safety layer, drive, observers.
+"""The only loop: cameras, navigator, safety layer, drive, observers, at a fixed rate.
 
 A car, a simulated drive, a simulated board and a replay are the same `Car` with other parts behind the same ports.
 """
@@ -6,21 +6,21 @@ A car, a simulated drive, a simulated board and a replay are the same `Car` with
 from __future__ import annotations
 
 import gc
+import math
 import threading
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import STOPPED
-from ndtorch_robot.faults import FaultKind
-from ndtorch_robot.loop import CameraClock, Loop
 from ndtorch_robot.navigator_runner import NavigatorRunner
-from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, Observer, Step, StereoFrames
+from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, Observer, Step
 from ndtorch_robot.safety import SafeDrive
-
-NOT_YET = "not yet told to drive"
 
 KEPT = 30_000
 """Steps whose times are kept for the summary, a quarter of an hour: 1 MB for each part that is timed."""
@@ -30,22 +30,69 @@ LASTS = 0.2
 contain motion, which looks like noise for some frames."""
 
 
+class MonotonicClock:
+    """Real time."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def wait_until(self, time_: float) -> None:
+        time.sleep(max(0.0, time_ - time.monotonic()))
+
+
+class CameraClock(MonotonicClock):
+    """For cameras that are waited for: they keep the time of the loop."""
+
+    def wait_until(self, time_: float) -> None:
+        """Return at once; the loop waits in reading the next frames."""
+
+
+class StepTimer:
+    """How long the parts of a step take, in real time."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, list[float]] = {}
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Add the time spent inside to a part."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.add(name, time.perf_counter() - start)
+
+    def add(self, name: str, seconds: float) -> None:
+        kept = self.seconds.setdefault(name, [])
+        kept.append(seconds)
+        del kept[:-KEPT]
+
+    def summary(self) -> dict[str, dict[str, float]]:
+        """Median, 99th percentile and maximum of each part, in ms: `{"navigate": {"p50": 0.6, "p99": 0.9, ...}}`."""
+        return {name: percentiles_ms(seconds) for name, seconds in self.seconds.items()}
+
+
 class Car:
     """The parts of a car and what passes between them.
+
+    Steps are due at `start + n / rate`, not at the end of one step plus a pause, so that they do not drift. A step that
+    takes too long delays the next one and is counted in `late`; missed steps are not made up for.
 
     Args:
         runner: the navigator and its state.
         cameras: give the frames.
         safe: the safety layer, with the drive behind it and the clock of the loop.
         observers: called after every step.
-        go: True drives off at the first good frames, unless a person has stopped the car before; False waits for
-            `resume`; None is for a simulation without a person.
+        go: True drives off at the first good frames; False waits for `resume`; None is for a simulation without a
+            person.
         steer: changes the command of the navigator before it is sent, for comparisons.
         max_steps: the drive ends after this number of steps.
 
     Attributes:
         troubles: reasons for which the navigator stopped, each once.
         ended: set it, from any thread, to end the drive after the step.
+        steps, late: number of steps so far, and of those that came late.
+        timer: times of the parts of a step.
     """
 
     def __init__(
@@ -59,75 +106,87 @@ class Car:
         steer: Callable[[DriveCommand], DriveCommand] | None = None,
         max_steps: int | None = None,
     ) -> None:
+        if not isinstance(safe, SafeDrive):
+            raise TypeError(f"the loop drives only through a SafeDrive, got {type(safe).__name__}")
         self.runner, self.cameras, self.safe, self.drive = runner, cameras, safe, safe.drive
-        self.observers, self.go, self.steer = list(observers), go, steer
+        self.observers, self.go, self.steer, self.max_steps = list(observers), go, steer, max_steps
         self.ended = threading.Event()
         self.troubles: list[str] = []
         self.reason: tuple[str | None, int] = (None, 0)
-        self.began = 0.0
+        self.timer, self.steps, self.late = StepTimer(), 0, 0
+        self.began = self.distance = 0.0
         self.starts: list[float] = []
-        self.loop = Loop(runner.rate, safe.clock, max_steps)
 
     def run(self, seconds: float | None = None, warm_up: bool = True) -> int:
-        """Step until `ended` is set, the time is over, or the steps are used up; the number of steps."""
+        """Step until `ended` is set, the time is over, or the steps are used up; the number of steps.
+
+        The car is stopped at the end, and also when a step raises or the user presses Ctrl-C: both go on to the caller
+        after that.
+        """
+        clock, period = self.safe.clock, 1 / self.runner.rate
         if warm_up:
             self.runner.warm_up()
         if self.go is not None:
-            self.safe.fault(NOT_YET, FaultKind.NOT_STARTED)
-        end = None if seconds is None else self.loop.clock.now() + seconds
-
-        def step(number: int, now: float) -> bool:
-            self.step(number, now)
-            return not self.ended.is_set() and (end is None or now < end)
-
+            self.safe.wait_for_start(self.go)
         # A pass of the garbage collector through all of torch's objects takes longer than a step.
         gc.collect()
         gc.freeze()
         try:
+            due = clock.now()
+            end = math.inf if seconds is None else due + seconds
             with torch.inference_mode():
-                return self.loop.run(step, self.safe)
+                while self.max_steps is None or self.steps < self.max_steps:
+                    now = clock.now()
+                    with self.timer.part("step"):
+                        self.step(self.steps, now)
+                    self.steps += 1
+                    if self.ended.is_set() or now >= end:
+                        break
+                    due += period
+                    if clock.now() > due:
+                        self.late += 1
+                        due = clock.now()
+                    clock.wait_until(due)
         finally:
+            self.safe.stop()
             gc.unfreeze()
+        return self.steps
 
     def step(self, number: int, now: float) -> None:
-        timer, clock = self.loop.timer, self.loop.clock
-        driven, frames = self.safe.driven(), self.see()
+        timer, clock, safe, runner = self.timer, self.safe.clock, self.safe, self.runner
+        driven, frames = safe.driven(), None
+        with timer.part("cameras"):
+            try:
+                frames = self.cameras.read()
+            except InputError as error:
+                safe.blind(str(error))
+        self.distance += abs(driven.speed) / runner.rate
         # A step that waits for its cameras begins when they have answered.
         self.note_start(clock.now() if isinstance(clock, CameraClock) else now)
         wanted, restarted, placed = STAND, False, None
-        good = frames is not None and self.safe.see(frames, driven.speed, driven.curvature)
+        good = frames is not None and safe.see(frames, driven.speed)
         if good and frames is not None:
-            placed, anew = self.drive.take_placed(), self.safe.take_interruption()
-            restarted = anew and self.runner.state is not None
+            placed, anew = self.drive.take_placed(), safe.take_interruption()
+            restarted = anew and runner.state is not None
             with timer.part("navigate"):
-                wanted = self.runner.command(frames, driven, placed, anew)
+                wanted = runner.command(frames, driven, placed, anew)
         else:
-            self.runner.roll(driven)
-        steered = wanted
-        if self.steer is not None:
-            self.runner.complete()  # who steers reads the state, and may change it
-            steered = self.steer(wanted)
-        sent = self.safe.send(steered)
+            runner.roll(driven)
+        sent = safe.send(wanted if self.steer is None else self.steer(wanted))
         if good and frames is not None:
             timer.add("frame to command", clock.now() - frames.time)
-            with timer.part("remember"):
-                self.runner.complete()
-            self.tell_trouble()
-            if self.go:
-                self.go = False
-                if not self.safe.by_hand:
-                    self.safe.resume(patience=None)
-        state = self.runner.state if good else None
-        telemetry = self.drive.telemetry()
-        made = Step(
-            number, now, frames, driven, wanted, sent, state, self.safe.standing, good, restarted, placed, telemetry
+            with timer.part("map"):
+                runner.complete()
+            self.report_trouble()
+        state, telemetry = runner.state if good else None, self.drive.telemetry()
+        record = Step(
+            number, now, frames, driven, wanted, sent, state, safe.standing, good, restarted, placed, telemetry
         )
         with timer.part("observers"):
             for observer in self.observers:
-                observer(made)
-        timer.forget(KEPT)
+                observer(record)
 
-    def tell_trouble(self) -> None:
+    def report_trouble(self) -> None:
         """Report why the navigator stops or drives slowly, once for each reason that lasts."""
         trouble = self.runner.trouble() if self.runner.mode() == STOPPED else None
         reason, since = self.reason
@@ -137,41 +196,33 @@ class Car:
             self.troubles.append(trouble)
             self.safe.report(f"stands: {trouble}")
 
-    def see(self) -> StereoFrames | None:
-        """The newest frames; None when the cameras give none, which is a fault."""
-        with self.loop.timer.part("cameras"):
-            try:
-                return self.cameras.read()
-            except InputError as error:
-                self.safe.blind(str(error))
-                return None
-
     def note_start(self, when: float) -> None:
         if not self.starts:
             self.began = when
         self.starts.append(when)
         del self.starts[:-KEPT]
 
-    def summary(self) -> dict[str, object]:
-        """Figures of the drive so far: times in ms, those of faults in s since the first step."""
-        trips = np.array(self.drive.round_trips()) * 1e3
-        jitter = np.abs(np.diff(self.starts) - 1 / self.loop.rate) * 1e3
+    def summary(self) -> dict[str, Any]:
+        """Figures of the drive so far, as JSON has them: times in ms, those of faults in s since the first step."""
+        began, jitter = self.began, np.abs(np.diff(self.starts) - 1 / self.runner.rate)
+        faults = [{"time_s": round(max(0.0, stop.time - began), 3), "why": stop.why} for stop in self.safe.faults]
         return {
-            "steps": self.loop.steps,
-            "late": self.loop.late,
-            "faults": [
-                {"time_s": round(max(0.0, stop.time - self.began), 3), "why": stop.why} for stop in self.safe.faults
-            ],
+            "steps": self.steps,
+            "late": self.late,
+            "distance_m": round(self.distance, 3),
+            "clamped": self.safe.clamped,
+            "faults": faults,
             "standing": self.safe.standing,
             "troubles": self.troubles,
-            "round_trip_ms": percentiles(trips),
-            "jitter_ms": percentiles(jitter),
-            "parts_ms": self.loop.timer.summary(),
+            "round_trip_ms": percentiles_ms(self.drive.round_trips()),
+            "jitter_ms": percentiles_ms(jitter),
+            "parts_ms": self.timer.summary(),
         }
 
 
-def percentiles(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> dict[str, float]:
+def percentiles_ms(seconds: Iterable[float]) -> dict[str, float]:
+    """Median, 99th percentile and maximum in ms; nothing for no values."""
+    values = np.array(list(seconds)) * 1e3
     if not len(values):
         return {}
-    p50, p99, most = np.percentile(values, (50, 99, 100))
-    return {"p50": round(float(p50), 3), "p99": round(float(p99), 3), "max": round(float(most), 3)}
+    return {name: round(float(np.percentile(values, q)), 3) for name, q in (("p50", 50), ("p99", 99), ("max", 100))}

@@ -29,7 +29,7 @@ from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.navigator_table import print_note
 from ndtorch_robot.ports import DriveCommand, Observer, Step
 from ndtorch_robot.recording.recorder import Recorder
-from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.safety import DriveState, SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.plan import Plan
@@ -228,7 +228,7 @@ def summarise(
         )
     hits = len(simulation.collisions)
     free, path = simulation.spawn_points.free, poses[:, :2]
-    timing = car.loop.timer.summary()
+    timing = car.timer.summary()
     return {
         **collision_summary(simulation.collisions),
         "stopped": len(respawn.stops),
@@ -268,7 +268,7 @@ class AutoResume:
             self.since = None
         elif self.since is None:
             self.since = step.time
-        elif step.time - self.since >= STOP_TIME and (self.safe.blindness is not None or not self.safe.auto_recover):
+        elif step.time - self.since >= STOP_TIME and self.safe.state is not DriveState.DRIVING:
             self.since = None
             self.respawn.stops.append(step.time)
             self.respawn.simulation.respawn()

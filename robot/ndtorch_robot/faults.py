@@ -12,8 +12,8 @@ class FaultKind(Enum):
     Attributes:
         words: description.
         auto_recover: the car drives on by itself once all has been well for long enough. Otherwise a person must
-            resume it: a stationary car cannot see whether a frozen image moves again, and
-            what a person or the drive has stopped is theirs to start.
+            resume it: a stationary car cannot see whether a frozen image moves again, and what a person or the drive
+            has stopped is theirs to start.
     """
 
     MISSING = "a camera gives no frame", True
@@ -26,10 +26,8 @@ class FaultKind(Enum):
     UNEQUAL = "the cameras are lit unequally", True
     FROZEN = "a camera gives the same image", False
     SILENCE = "a step took too long", True
-    LIMITS = "a command is out of limits", True
     COMMAND = "a command is not finite", False
     DRIVE = "the drive has reported a fault", False
-    NOT_STARTED = "nobody has started the car", False
     EMERGENCY = "somebody has stopped the car", False
 
     def __init__(self, words: str, auto_recover: bool) -> None:

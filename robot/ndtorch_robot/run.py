@@ -7,22 +7,18 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Body, Grid, StereoRig
-from ndtorch.navigation.controllers import controller_class
-from ndtorch.navigation.options import NavigatorOptions
+from ndtorch.navigation import Grid, StereoRig
 from ndtorch.utils.toml import check
 from ndtorch_robot.camera_monitor import CameraMonitor
-from ndtorch_robot.car import Car
-from ndtorch_robot.link.registry import SIMULATED_WORLD, MovesWorld, Opening, open_link
-from ndtorch_robot.loop import CameraClock
+from ndtorch_robot.car import CameraClock, Car
+from ndtorch_robot.link import SIMULATED_WORLD, MovesWorld, Opening, open_link
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
 from ndtorch_robot.run_config import RunConfig
-from ndtorch_robot.safety import SafeDrive, SafetyLimits
+from ndtorch_robot.safety import SafeDrive
 
 if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation
@@ -61,24 +57,19 @@ def make_car(
     """A car of these parts, with the navigator and the safety layer of a configuration."""
     limits, half, body = config.safety_limits(), config.navigation.map_half_size_m, config.body.body()
     grid = Grid(-half, half, -half, half) if half else None
-    options = within_limits(config.navigation.options(), limits, body)
-    runner = NavigatorRunner(options, rig, config.rate_hz, grid, near_check, body)
+    runner = NavigatorRunner(config.navigation.options(), rig, config.rate_hz, grid, near_check, body)
     check = CameraMonitor(rig, config.rate_hz, limits.age, config.camera_monitor)
     safe = SafeDrive(drive, clock, limits, check, report)
     return Car(runner, cameras, safe, observers=observers, go=go)
 
 
-def within_limits(options: NavigatorOptions, limits: SafetyLimits, body: Body) -> NavigatorOptions:
-    """The options with a cruise speed that the safety layer lets through, where the controller has one to choose."""
-    most = limits.speed / (body.unit_m * body.speed_ratio)
-    if options.speed <= most:
-        return options
-    slower = replace(options, speed=most)
-    try:
-        controller_class(slower.controller).params_for(slower.task())
-    except InputError:
-        return options
-    return slower
+def with_disturbance(config: RunConfig, disturbance: str) -> RunConfig:
+    """The configuration with these disturbances, if any; `InputError` where its world is not simulated."""
+    if not disturbance:
+        return config
+    if config.simulation is None:
+        raise InputError("--disturbance is for simulated worlds, and this car has cameras")
+    return config.model_copy(update={"simulation": config.simulation.model_copy(update={"disturbance": disturbance})})
 
 
 def make_simulation(config: RunConfig) -> Simulation | None:

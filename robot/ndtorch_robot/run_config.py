@@ -14,7 +14,7 @@ from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import Strict, read_toml
 from ndtorch_robot.bridges import BRIDGES
 from ndtorch_robot.camera_monitor import CameraLimits
-from ndtorch_robot.link.registry import HOSTED_BOARD, SERIAL, check_link
+from ndtorch_robot.link import HOSTED_BOARD, SERIAL, check_link
 from ndtorch_robot.navigator_table import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
 

@@ -21,7 +21,7 @@ import torch
 
 from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, controller_names
 from ndtorch_robot.car import percentiles
-from ndtorch_robot.link import SerialDrive
+from ndtorch_robot.link.serial_drive import SerialDrive
 from ndtorch_robot.run import open_car, real_time_priority
 from ndtorch_robot.run_config import NavigationTable, RunConfig
 from tests.benchmarks.bench_cameras import films

@@ -13,6 +13,7 @@ from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.ports import Step
+from ndtorch_robot.safety import DriveState
 from ndtorch_robot.sim.firmware_host import Pulse
 from ndtorch_robot.sim.stepped_world import SteppedWorld
 from tests.fault_injection.camera_faults import FaultyCameras
@@ -103,7 +104,7 @@ class FaultInjector:
             return
         if step.standing is not None:
             self.driving = 0.0
-            if not self.car.safe.auto_recover and now > self.cleared + RESUME_AFTER_S:
+            if self.car.safe.state is DriveState.STOPPED and now > self.cleared + RESUME_AFTER_S:
                 self.car.safe.resume()
         elif abs(step.driven.speed) > 0.15:
             self.driving += 1 / self.car.runner.rate
@@ -117,9 +118,7 @@ class FaultInjector:
         stops = self.car.safe.faults
         for stop in stops[self.stops_seen :]:
             must_drive = self.fault is not None and self.fault.max_reaction_s is None
-            calm = (
-                self.fault is None and stop.time > self.cleared + AFTERMATH_S and stop.kind is not FaultKind.NOT_STARTED
-            )
+            calm = self.fault is None and stop.time > self.cleared + AFTERMATH_S
             if must_drive or calm:
                 kept = self.stopped if must_drive else self.unexplained
                 if stop.kind is FaultKind.BLANK and self.is_blank():

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ndtorch_robot.drive import AutoResume, Respawn
-from ndtorch_robot.link.registry import HOSTED_BOARD
+from ndtorch_robot.link import HOSTED_BOARD
 from ndtorch_robot.link.simulated import HostedDrive
 from ndtorch_robot.ports import Observer, Step
 from ndtorch_robot.run import open_car
@@ -55,7 +55,7 @@ def drive_scenario(config: RunConfig, number: int, seconds: float, faults: Seque
             "arena": arena,
             "seconds": round(simulation.now(), 3),
             "wall_seconds": round(time.monotonic() - began, 1),
-            "steps": car.loop.steps,
+            "steps": car.steps,
             "collisions": len(simulation.collisions),
             "controller_stops": len(respawn.stops),
             "unexplained": injector.unexplained,

@@ -170,8 +170,7 @@ def replay_recording(path: Path) -> Any:
 
 def read_line(path: Path) -> Any:
     """Bytes of the drive link, in chunks, and what the frames say."""
-    from ndtorch_robot.link.messages import Type, read_command, read_telemetry, read_welcome
-    from ndtorch_robot.link.receiver import Parser
+    from ndtorch_robot.link.messages import Parser, Type, read_command, read_telemetry, read_welcome
 
     data, parser = path.read_bytes(), Parser()
     read = {Type.COMMAND: read_command, Type.TELEMETRY: read_telemetry, Type.WELCOME: read_welcome}
@@ -180,7 +179,7 @@ def read_line(path: Path) -> Any:
         for frame in parser.feed(data[at : at + 7]):
             told = read[Type(frame.type)](frame.body) if frame.type in read else None
             if hasattr(told, "values"):
-                told.why(), told.values()
+                told.values()
             found.append((frame, told))
     assert found == [(frame, told) for frame, told in found]
     assert [frame for frame, _ in found] == Parser().feed(data), "chunks make a difference"

@@ -15,12 +15,12 @@ from ndtorch_robot.link.messages import (
     VERSION,
     Fault,
     Frame,
+    Parser,
     Type,
     command_body,
     encode_frame,
     read_telemetry,
 )
-from ndtorch_robot.link.receiver import Parser
 from ndtorch_robot.ports import DriveCommand
 from tests.robot.support.avr_board import AvrBoard
 from tests.robot.support.bench import bench
@@ -269,7 +269,7 @@ def test_closes_the_loop_without_hardware():
     """Eight seconds in the curve."""
     with bench() as car:
         for _ in range(80):
-            if car.car.loop.steps > 240:
+            if car.car.steps > 240:
                 break
             time.sleep(0.1)
         summary, cameras = car.car.summary(), car.cameras.inner

@@ -111,7 +111,7 @@ def test_no_kernel_is_loaded_on_the_way(options, monkeypatch):
         if step.number == 0:
             before.extend(loaded)
         if step.number == 25:
-            car.safe.fault("by hand", FaultKind.NOT_STARTED)
+            car.safe.fault("by hand", FaultKind.DRIVE)
         if step.number == 28:  # it stands, looks at what is near, and drives on
             car.safe.resume()
 

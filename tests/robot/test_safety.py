@@ -1,4 +1,4 @@
-"""The safety layer: nothing gets around it, and what it lets through."""
+"""The safety layer and the loop: nothing gets around them, what they let through, and when a car drives."""
 
 import ast
 import fcntl
@@ -8,7 +8,9 @@ import pty
 import subprocess
 import sys
 import termios
+import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -19,18 +21,20 @@ from hypothesis import strategies as st
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch_robot.camera_monitor import CameraMonitor
+from ndtorch_robot.car import Car
+from ndtorch_robot.emergency import watch
 from ndtorch_robot.faults import Fault, FaultKind
-from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
-from ndtorch_robot.safety import SafeDrive, SafetyLimits
-from tests.robot.support.cars import PlainDrive, SimulatedClock
+from ndtorch_robot.ports import STAND, DriveCommand, SafeCommand, StereoFrames, unseal
+from ndtorch_robot.safety import DriveState, SafeDrive, SafetyLimits
+from tests.robot.support.cars import RIG, FilmCar, PlainDrive, SimulatedClock, bare_loop, moving_world
 
 ROBOT = Path(__file__).resolve().parents[2] / "robot" / "ndtorch_robot"
-RIG = StereoRig(width=64, height=48, focal=43.0)
 CRUISE = DriveCommand(0.5, 1.0)
 LIMITS = SafetyLimits(0.6, 2.2, 2.0, 40.0, 0.1, 0.1, 1.0)
 
 
 def test_only_the_safety_layer_makes_commands():
+    """The seal is used where it is defined and in the safety layer alone, and every drive asks for it."""
     with pytest.raises(TypeError, match=r"only robot\.safety"):
         SafeCommand(DriveCommand(0.5, 0.0), 0.0, object())
     for wrong in (DriveCommand(0.5, 0.0), (0.5, 0.0), None):
@@ -41,39 +45,22 @@ def test_only_the_safety_layer_makes_commands():
     SafeDrive(drive, SimulatedClock()).send(DriveCommand(0.5, 0.0))
     with pytest.raises(AttributeError, match="cannot be changed"):
         kept[0].speed = 3.0
-
-
-def test_nobody_else_has_the_seal():
-    """The seal is used where it is defined and in the safety layer alone, and every drive asks for it."""
-    users, drives = set(), 0
+    users = set()
     for path in ROBOT.rglob("*.py"):
-        tree = ast.parse(path.read_text())
-        users |= {
-            path.name for node in ast.walk(tree) if isinstance(node, ast.Name | ast.alias) and "_SEAL" in ast.dump(node)
-        }
-        for node in ast.walk(tree):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Name | ast.alias) and "_SEAL" in ast.dump(node):
+                users.add(path.name)
             if isinstance(node, ast.FunctionDef) and node.name == "send" and "SafeCommand" in ast.dump(node.args):
-                drives += path.name != "ports.py"
                 assert path.name == "ports.py" or "unseal" in ast.dump(node), path
     assert users == {"ports.py", "safety.py"}
-    assert drives == 4  # simulated, serial, MAVLink, and recorded, which moves nothing
-
-
-@pytest.mark.parametrize("motion", [(math.nan, 0.0), (0.1, math.inf)])
-def test_odometry_that_is_not_finite_stops_the_car_and_counts_as_none(motion):
-    _, drive, lines, safe = make()
-    drive.driven = lambda: DriveCommand(*motion)
-    assert safe.driven() == DriveCommand(0.0, 0.0)
-    assert safe.kind is FaultKind.DRIVE
-    assert "not finite" in lines[0]
-    assert safe.send(CRUISE).speed == 0.0
-    drive.driven = lambda: CRUISE
-    assert safe.driven() == CRUISE
+    with pytest.raises(TypeError, match="SafeDrive, got PlainDrive"):
+        Car(None, None, PlainDrive())
 
 
 def make(frame_check=False):
     clock, drive, lines = SimulatedClock(), PlainDrive(), []
-    safe = SafeDrive(drive, clock, LIMITS, CameraMonitor(RIG, 30, 0.1) if frame_check else None, lines.append)
+    rig = StereoRig(width=64, height=48, focal=43.0)
+    safe = SafeDrive(drive, clock, LIMITS, CameraMonitor(rig, 30, 0.1) if frame_check else None, lines.append)
     return clock, drive, lines, safe
 
 
@@ -89,100 +76,88 @@ def test_ramps_up_and_stops_at_once():
     clock, drive, _, safe = make()
     steps(clock, safe, 0.4)
     speeds = [sent.speed for sent in drive.sent]
-    assert speeds[0] == 0.0
-    assert speeds[1:8] == pytest.approx([min(0.5, n * 2.0 / 30) for n in range(1, 8)])
+    assert speeds[:8] == pytest.approx([min(0.5, n * 2.0 / 30) for n in range(8)])
     steps(clock, safe, 1 / 30, DriveCommand(0.0, 0.0))
     assert drive.sent[-1].speed == 0.0
     steps(clock, safe, 0.4)
     steps(clock, safe, 1 / 30, DriveCommand(-0.5, 0.0))
     assert drive.sent[-1].speed == 0.0  # never straight through zero
-
-
-def test_the_end_of_a_drive_does_not_pass():
-    clock, drive, _, safe = make()
-    steps(clock, safe, 0.5)
     safe.stop()
-    assert (safe.auto_recover, safe.standing) == (False, "told to stop")
+    assert (safe.state, safe.standing) == (DriveState.STOPPED, "told to stop")
     steps(clock, safe, 3.0)
-    assert drive.sent[-1] == (0.0, 0.0)
+    assert drive.sent[-1] == STAND
 
 
 @settings(deadline=None)
-@given(st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-2.2, 2.2)), min_size=2, max_size=30))
-def test_limits_hold_for_any_commands(commands):
+@given(st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-50.0, 50.0)), min_size=2, max_size=30))
+def test_commands_are_clamped_and_counted(commands):
     clock, drive, lines, safe = make()
     for command in commands:
         clock.time += 1 / 30
         safe.send(DriveCommand(*command))
-    for a, b in zip(drive.sent, drive.sent[1:], strict=False):
-        assert abs(b.speed) <= abs(a.speed) + 2.0 / 30 + 1e-9
+    for a, b in zip([STAND, *drive.sent], drive.sent, strict=False):
+        assert abs(b.speed) <= min(0.6, abs(a.speed) + 2.0 / 30 + 1e-9)
+        assert abs(b.curvature) <= 2.2
         assert abs(b.curvature - a.curvature) <= 40.0 / 30 + 1e-9
+    assert safe.clamped == sum(abs(speed) > 0.6 * (1 + 1e-6) or abs(c) > 2.2 * (1 + 1e-6) for speed, c in commands)
     assert lines == []
 
 
-@pytest.mark.parametrize("command", [DriveCommand(0.7, 0.0), DriveCommand(-0.7, 0.0), DriveCommand(0.5, 2.3)])
-def test_out_of_limits_stands_and_goes_on(command):
-    clock, drive, lines, safe = make()
-    steps(clock, safe, 0.5)
-    steps(clock, safe, 1 / 30, command)
-    assert drive.stops == 1
-    assert drive.sent[-1] == (0.0, 0.0)
-    assert "out of limits" in lines[0]
-    steps(clock, safe, 0.9)
-    assert drive.sent[-1] == (0.0, 0.0)
-    steps(clock, safe, 0.5)
-    assert drive.sent[-1].speed > 0
-    assert drive.resumes == 1
+def test_a_layer_without_limits_changes_nothing():
+    """In simulated time, where the car has limits of its own."""
+    drive, clock = PlainDrive(), SimulatedClock()
+    safe = SafeDrive(drive, clock)
+    wanted = [DriveCommand(s, c) for s, c in ((0.5, 2.0), (-9.0, -50.0), (9.0, 50.0), (0.0, 1.0))]
+    for command in wanted:
+        safe.send(command)
+        clock.time += 10.0
+    assert (drive.sent, drive.stops, safe.clamped) == (wanted, 0, 0)
 
 
-def test_a_fault_that_comes_again_starts_the_waiting_anew():
+def test_a_passing_fault_that_comes_again_starts_the_waiting_anew():
     clock, drive, lines, safe = make()
     steps(clock, safe, 0.5)
     for _ in range(3):
-        steps(clock, safe, 1 / 30, DriveCommand(0.7, 0.0))
+        clock.time += 0.2
         steps(clock, safe, 0.8)
-        assert drive.sent[-1] == (0.0, 0.0)
-    assert (drive.resumes, len(lines)) == (0, 1)
+        assert drive.sent[-1] == STAND
+    assert (drive.resumes, safe.state, len(lines)) == (0, DriveState.RECOVERING, 1)
+    assert "a step took 0.233 s" in lines[0]
     steps(clock, safe, 0.4)
+    assert (drive.resumes, safe.state) == (1, DriveState.DRIVING)
     assert drive.sent[-1].speed > 0
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_what_is_no_number_ends_the_drive(value):
+def test_what_is_no_number_stops_the_car(value):
     clock, drive, _, safe = make()
     with pytest.raises(InputError, match="finite"):
         safe.send(DriveCommand(value, 0.0))
     assert drive.stops == 1
     steps(clock, safe, 3.0)
-    assert set(drive.sent) == {(0.0, 0.0)}
+    assert set(drive.sent) == {STAND}
+    _, drive, lines, safe = make()
+    drive.driven = lambda: DriveCommand(0.1, value)
+    assert safe.driven() == STAND
+    assert (safe.state, "not finite" in lines[0]) == (DriveState.STOPPED, True)
 
 
-def test_a_slow_step():
+@pytest.mark.parametrize("fault", ["link", "emergency"])
+def test_trouble_of_the_drive_and_emergency_need_resuming(fault):
     clock, drive, lines, safe = make()
     steps(clock, safe, 0.5)
-    clock.time += 0.2
-    safe.send(DriveCommand(0.5, 0.0))
-    assert drive.stops == 1
-    assert "a step took 0.200 s" in lines[0]
-
-
-def test_trouble_of_the_drive_and_emergency_need_resuming():
-    for fault in ("link", "emergency"):
-        clock, drive, lines, safe = make()
-        steps(clock, safe, 0.5)
-        if fault == "link":
-            drive.why = "lost"
-        else:
-            safe.emergency("key")
-        steps(clock, safe, 0.1)
-        drive.why = None
-        steps(clock, safe, 5.0)
-        assert drive.sent[-1] == (0.0, 0.0)
-        assert drive.resumes == 0
-        safe.resume()
-        steps(clock, safe, 0.5)
-        assert drive.sent[-1].speed == 0.5
-        assert lines[-1].startswith("resumed after")
+    if fault == "link":
+        drive.why = "lost"
+    else:
+        safe.emergency("key")
+    steps(clock, safe, 0.1)
+    drive.why = None
+    steps(clock, safe, 5.0)
+    assert (drive.sent[-1], drive.resumes, safe.state) == (STAND, 0, DriveState.STOPPED)
+    safe.resume()
+    steps(clock, safe, 0.5)
+    assert drive.sent[-1].speed == 0.5
+    assert lines[-1].startswith("resumed after")
 
 
 def test_no_frames_no_driving():
@@ -192,73 +167,209 @@ def test_no_frames_no_driving():
 
     def good():
         seed[0] += 1
-        made = torch.Generator().manual_seed(seed[0])
-        left, right = torch.randint(20, 250, (2, 1, 3, 48, 16), generator=made, dtype=torch.uint8).repeat_interleave(
-            4, -1
-        )
-        return StereoFrames(left, right, clock.time)
+        rng = torch.Generator().manual_seed(seed[0])
+        pair = torch.randint(20, 250, (2, 1, 3, 48, 16), generator=rng, dtype=torch.uint8).repeat_interleave(4, -1)
+        return StereoFrames(*pair, clock.time)
 
     steps(clock, safe, 0.5, frames=good)
     assert drive.sent[-1].speed == 0.5
     steps(clock, safe, 0.2)  # commands, but no frames
-    assert drive.sent[-1] == (0.0, 0.0)
+    assert drive.sent[-1] == STAND
     assert "old" in safe.standing
     steps(clock, safe, 1.5, frames=good)
     assert drive.sent[-1].speed == 0.5
 
 
-def test_unlimited_layer_changes_nothing():
-    """In simulated time, where the car has limits of its own."""
-    drive, clock = PlainDrive(), SimulatedClock()
-    safe = SafeDrive(drive, clock)
-    wanted = [DriveCommand(s, c) for s, c in ((0.5, 2.0), (-9.0, -50.0), (9.0, 50.0), (0.0, 1.0))]
-    for command in wanted:
-        safe.send(command)
-        clock.time += 10.0
-    assert drive.sent == wanted
-    assert drive.stops == 0
-
-
 @pytest.mark.parametrize("kind", FaultKind)
-def test_whether_a_fault_passes_hangs_on_its_kind_and_not_on_its_words(kind):
-    """The same words for all of them."""
+def test_the_kind_of_a_fault_decides_whether_it_passes(kind):
     clock, drive, _, safe = make(frame_check=True)
-    said = iter([Fault(kind, "the cameras are swapped, and show nothing but the same image"), *[None] * 100])
-    safe.frame_check.judge = lambda *_: next(said)
+    verdicts = iter([Fault(kind, "words"), *[None] * 100])
+    safe.frame_check.judge = lambda *_: next(verdicts)
     eye = torch.zeros(1, 3, 48, 64)
     steps(clock, safe, 2.0, frames=lambda: StereoFrames(eye, eye, clock.time))
     assert safe.faults[0].kind is kind
-    assert (safe.standing is None) == kind.auto_recover
-    assert (safe.kind is None) == kind.auto_recover
-    assert any(command.speed for command in drive.sent) == kind.auto_recover
+    passes = kind not in (FaultKind.FROZEN, FaultKind.COMMAND, FaultKind.DRIVE, FaultKind.EMERGENCY)
+    assert (safe.state is DriveState.DRIVING) == passes
+    assert any(command.speed for command in drive.sent) == passes
 
 
-def test_kinds_are_told_apart():
-    assert len({kind.words for kind in FaultKind}) == len(FaultKind)
-    assert {kind for kind in FaultKind if not kind.auto_recover} == {
-        FaultKind.FROZEN,
-        FaultKind.COMMAND,
-        FaultKind.DRIVE,
-        FaultKind.NOT_STARTED,
-        FaultKind.EMERGENCY,
-    }
+# The loop.
 
 
-def test_a_limit_in_single_precision_is_no_fault():
-    clock, drive = SimulatedClock(), PlainDrive()
-    safe = SafeDrive(drive, clock, SafetyLimits(0.4, 2.2))
-    for _ in range(30):
-        clock.wait_until(clock.now() + 1 / 30)
-        sent = safe.send(DriveCommand(float(torch.tensor(0.4)), float(torch.tensor(-2.2))))
-    assert float(torch.tensor(0.4)) > 0.4
-    assert safe.faults == []
-    assert sent == DriveCommand(0.4, -2.2)
+def film(count, kind=FilmCar, **options):
+    """A car on so many pictures, its steps, and the lines of its safety layer."""
+    made, lines = [], []
+    car = bare_loop(kind(moving_world(count, RIG), **options), RIG, [made.append], controller="published")
+    car.safe.report = lines.append
+    return car, made, lines
+
+
+def test_every_step_reaches_every_observer_and_the_command_goes_before_the_map(monkeypatch):
+    car, made, lines = film(40)
+    numbers, order, send, complete = [], [], car.drive.send, car.runner.complete
+    car.observers.append(lambda step: numbers.append(step.number))
+    monkeypatch.setattr(car.drive, "send", lambda command: order.append("send") or send(command))
+    monkeypatch.setattr(car.runner, "complete", lambda: order.append("complete") or complete())
+    assert car.run(38.5 / 30) == 40
+    assert order == ["send", "complete"] * 40
+    assert numbers == [step.number for step in made] == list(range(40))
+    assert [step.time for step in made] == pytest.approx([n / 30 for n in range(40)], abs=1e-9)
+    assert (made[0].sent, made[0].standing, car.late) == (STAND, None, 0)  # started at its end
+    assert all(step.used and step.state is not None and not step.restarted for step in made)
+    assert max(step.sent.speed for step in made) > 0.3
+    assert (lines, car.safe.faults) == (["started"], [])
+    assert car.drive.sent == STAND
+
+
+def test_late_steps_are_counted_not_made_up():
+    car, made, _ = film(40)
+    car.observers.append(lambda step: setattr(car.drive, "time", step.time + 1.0) if step.number == 1 else None)
+    car.max_steps = 4
+    assert car.run() == 4
+    assert car.late == 1
+    assert made[-1].time == pytest.approx(1 / 30 + 1.0 + 1 / 30)
+
+
+@pytest.mark.parametrize("error", [InputError("disk"), KeyboardInterrupt(), ZeroDivisionError()])
+def test_an_observer_that_fails_stops_the_car(error):
+    car, _, _ = film(40)
+
+    def broken(step):
+        if step.number == 30:
+            raise error
+
+    car.observers.append(broken)
+    with pytest.raises(type(error)):
+        car.run()
+    assert car.drive.sent == STAND
+
+
+class DroppingLink(FilmCar):
+    """A link that is not there for some steps, from its first or from when it is first told to resume."""
+
+    def __init__(self, frames, missing, takes_it=False):
+        super().__init__(frames)
+        self.missing, self.takes_it, self.asked, self.fault = missing, takes_it, 0, "lost: unplugged"
+
+    def read(self):
+        self.missing -= not self.takes_it or self.asked > 0
+        if self.missing > 0 and self.asked > 0:
+            self.fault = "lost: unplugged"
+        return super().read()
+
+    def resume(self):
+        self.asked += 1
+        if self.missing <= 0 or (self.takes_it and self.asked == 1):
+            self.fault = None
+        return self.fault is None
+
+    def trouble(self):
+        return self.fault
+
+
+class LateCameras(DroppingLink):
+    """The same, before cameras that give their first good frame a second late."""
+
+    def read(self):
+        frames = super().read()
+        if self.time < 1.0:
+            raise InputError("the left camera gives no frames")
+        return frames
+
+
+@pytest.mark.parametrize("takes_it", [False, True])
+def test_go_outlasts_a_link_that_drops_before_the_car_moves(takes_it):
+    """Said once, before there is a link, or just before it is lost: the car drives when it is back."""
+    car, made, _ = film(150, DroppingLink, missing=70, takes_it=takes_it)
+    car.run(148.5 / 30)
+    assert {step.sent.speed for step in made[2:69]} == {0.0}
+    assert made[-1].standing is None
+    assert made[-1].sent.speed > 0.3
+
+
+@contextmanager
+def keyboard(car):
+    """Presses keys, as the thread that watches stdin sees them; each has been dealt with when it returns."""
+    (wake, woken), (stdin, keys) = os.pipe(), os.pipe()
+    thread = threading.Thread(target=watch, args=(car.safe, wake, stdin, car.ended))
+    thread.start()
+    dealt = threading.Semaphore(0)
+    for name in ("resume", "emergency"):
+        carried_out = getattr(car.safe, name)
+        setattr(car.safe, name, lambda *given, act=carried_out: (act(*given), dealt.release()))
+
+    def press(key):
+        os.write(keys, key)
+        assert dealt.acquire(timeout=30)
+
+    yield press
+    os.close(woken)
+    thread.join(30)
+    for file in (wake, stdin, keys):
+        os.close(file)
+
+
+@pytest.mark.parametrize(
+    "at", [0, 20, 50], ids=["before there are frames", "while the link is gone", "once it is back"]
+)
+def test_a_car_stands_until_the_key_is_pressed(at):
+    """It is not swallowed when there are no frames or no link yet."""
+    car, made, lines = film(150, LateCameras, missing=40)
+    car.go = False
+    with keyboard(car) as press:
+        car.observers.append(lambda step: press(b"g") if step.number == at else None)
+        car.run(148.5 / 30)
+    assert {step.sent.speed for step in made[: max(30, at)]} == {0.0}
+    assert made[-1].standing is None
+    assert made[-1].sent.speed > 0.3
+    assert lines[-1] == "started"
+
+
+def test_a_key_that_cannot_be_obeyed_in_time_is_over():
+    """10 s after it, with the frames good again and the link still gone."""
+    car, made, lines = film(360, LateCameras, missing=1000)
+    car.go = False
+    with keyboard(car) as press:
+        car.observers.append(lambda step: press(b"g") if step.number == 5 else None)
+        car.run(358.5 / 30)
+    assert {step.sent.speed for step in made} == {0.0}
+    assert lines[-1] == "not resumed: the drive did not obey in time; resume it again"
+
+
+def test_an_emergency_stop_before_the_first_good_frame_ends_what_the_command_line_said():
+    car, made, lines = film(150, LateCameras, missing=0)
+    with keyboard(car) as press:
+        car.observers.append(lambda step: press(b" ") if step.number == 10 else None)
+        car.observers.append(lambda step: press(b"g") if step.number == 100 else None)
+        car.run(148.5 / 30)
+    assert {step.sent.speed for step in made[:100]} == {0.0}
+    assert any("emergency stop: key" in line for line in lines)
+    assert made[-1].sent.speed > 0.3
+
+
+def test_steps_without_frames_stand_and_restart_the_filters():
+    class Blinking(FilmCar):
+        def read(self):
+            frames = super().read()
+            if 1.0 < self.time < 1.2:
+                raise InputError("the left camera gives no frames")
+            return frames
+
+    car, made, _ = film(150, Blinking)
+    car.run(148.5 / 30)
+    blind = [step for step in made if not step.used]
+    assert 4 <= len(blind) <= 6
+    why = "the left camera gives no frames"
+    assert {(step.frames, step.state, step.standing) for step in blind} == {(None, None, why)}
+    assert made[blind[-1].number + 1].restarted
+    assert made[-1].sent.speed > 0.3
+    assert not made[-1].restarted
 
 
 PROGRAM = """
 import termios, time
 from ndtorch_robot.emergency import emergency_stops
-from ndtorch_robot.loop import MonotonicClock
+from ndtorch_robot.car import MonotonicClock
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.safety import SafeDrive
 from tests.robot.support.cars import PlainDrive
@@ -317,4 +428,4 @@ def test_keys(terminal):
     assert echoes == "echoes"
     assert int(stops) >= 5
     assert float(speed) == 0.5
-    assert process.wait(5) == 0
+    assert process.wait(30) == 0

@@ -158,7 +158,7 @@ def attempt(entry: Entry) -> Attempt:
         wall = time.perf_counter() - began
         seconds = simulation.collisions[0].time if simulation.collisions else simulation.now()
         score = world.score(seconds if referee.success else None)
-        step = car.loop.timer.summary().get("navigate", {}).get("p50", 0.0)
+        step = car.timer.summary().get("navigate", {}).get("p50", 0.0)
         return Attempt(
             world.number,
             referee.success,

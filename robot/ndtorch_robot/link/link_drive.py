@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
+import termios
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
-from ndtorch_robot.link.line import Line
-from ndtorch_robot.link.messages import Frame, Telemetry, Type, command_body, quantised, read_welcome
-from ndtorch_robot.link.receiver import Receiver, new_events
+from ndtorch_robot.link.messages import (
+    VERSION,
+    Fault,
+    Frame,
+    Parser,
+    Telemetry,
+    Type,
+    command_body,
+    encode_frame,
+    quantised,
+    read_telemetry,
+    read_welcome,
+)
 from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
+
+GONE = (OSError, termios.error, TypeError)
+"""What pyserial raises when the cable is pulled; TypeError when the port was closed in between."""
 
 HEARTBEAT = 0.03
 """Seconds between heartbeats; the board stops after 0.15 s without."""
@@ -23,9 +40,23 @@ LINK_PATIENCE = 0.12
 OLDEST_COMMAND = 0.1
 """Age at which a command is no longer sent, s."""
 
+ARMING = 0.1
+"""Seconds in which telemetry may still say that the board is not armed."""
+
 HELLO_EVERY = 0.1
 
-NOT_YET = "not yet told to drive"
+NOISE_LIMIT, FORGIVE = 4, 0.2
+"""More refused frames than this, less one forgiven every 0.2 s, are a bad line."""
+
+
+class Port(Protocol):
+    """What bytes are written to."""
+
+    def write(self, data: bytes, /) -> Any:
+        """Write all of them; raises one of `GONE` when it cannot."""
+        ...
+
+    def close(self) -> None: ...
 
 
 class LinkDrive(Drive):
@@ -37,28 +68,36 @@ class LinkDrive(Drive):
     commands, the board stops by itself.
 
     Args:
-        line: where frames are written to.
+        port: where frames are written to.
         now: the time, s.
-        robot: name the board must have; any by default.
+        board_name: name the board must have; any by default.
         report: called once for every event, with one line.
+
+    Attributes:
+        port: None while it is gone.
+        heard: the latest telemetry, None before any.
+        refusal: why the board cannot be used at all, or None.
     """
 
-    def __init__(self, line: Line, now: Callable[[], float], robot: str | None = None, report: Report = print) -> None:
-        self.line, self.now, self.robot, self.report = line, now, robot, report
-        self.lock = threading.Lock()
-        self.welcomed = threading.Event()
-        self.receiver = Receiver()
-        self.armed = False
-        self.asked_to_arm = -1.0
-        self.standing = True
-        self.fault: str | None = NOT_YET
+    def __init__(
+        self, port: Port, now: Callable[[], float], board_name: str | None = None, report: Report = print
+    ) -> None:
+        self.port: Port | None = port
+        self.now, self.board_name, self.report = now, board_name, report
+        self.lock, self.line_lock, self.welcomed = threading.Lock(), threading.Lock(), threading.Event()
+        self.parser = Parser()
+        self.standing, self.armed = True, False
+        self.fault: str | None = None
         self.refusal: str | None = None
-        self.last_command = 0.0
-        self.greeted = float("-inf")
-
-    @property
-    def heard(self) -> Telemetry | None:
-        return self.receiver.telemetry
+        self.heard: Telemetry | None = None
+        self.heard_at = self.armed_at = self.commanded_at = 0.0
+        self.greeted_at = -math.inf
+        self.received = self.sequence = 0
+        self.refused, self.noise, self.noise_at = 0, 0.0, 0.0
+        self.beats: dict[int, float] = {}
+        self.trips: deque[float] = deque(maxlen=100_000)
+        self.applied: deque[DriveCommand] = deque(maxlen=30)
+        self.last_applied = STAND
 
     # What the loop calls.
 
@@ -68,30 +107,28 @@ class LinkDrive(Drive):
         Raises:
             TypeError: a command that did not come through the safety layer.
         """
-        wanted = unseal(command)
-        now = self.now()
-        self.last_command = now
+        wanted, now = unseal(command), self.now()
+        self.commanded_at = now
         if not self.armed or now - command.time > OLDEST_COMMAND:
             return STAND
         sent = quantised(wanted)
-        return sent if self.line.write(Type.COMMAND, command_body(sent)) else STAND
+        return sent if self.write(Type.COMMAND, command_body(sent)) else STAND
 
     def stop(self) -> None:
         """Stop the wheels; the board does so at its next pulse, within 20 ms."""
         with self.lock:
             self.standing, self.armed = True, False
-        self.line.write(Type.STOP)
+        self.write(Type.STOP)
 
     def resume(self) -> bool:
         """Ask the board to obey again; `trouble` is None from now on unless it does not. False without a link."""
         if not self.welcomed.is_set():
             return False
-        now = self.now()
         with self.lock:
             self.fault, self.standing, self.armed = None, False, False
-            self.asked_to_arm = self.last_command = now
-            self.receiver.quality.count = 0
-        return self.line.write(Type.ARM)
+            self.armed_at = self.commanded_at = self.now()
+            self.noise = 0.0
+        return self.write(Type.ARM)
 
     def trouble(self) -> str | None:
         """Why the car does not obey, other than after `stop`; None when all is well."""
@@ -99,10 +136,10 @@ class LinkDrive(Drive):
 
     def driven(self) -> DriveCommand:
         """Mean of the speeds and curvatures that the board has applied since this was last asked."""
-        driven = self.receiver.driven()
-        if driven is not None:
-            return driven
-        return self.receiver.applied if self.welcomed.is_set() else STAND
+        applied = [self.applied.popleft() for _ in range(len(self.applied))]
+        if not applied:
+            return self.last_applied if self.welcomed.is_set() else STAND
+        return DriveCommand(*(sum(values) / len(applied) for values in zip(*applied, strict=True)))
 
     def telemetry(self) -> dict[str, Any]:
         """The telemetry of the board; `link` is why it cannot be commanded, or None."""
@@ -110,84 +147,123 @@ class LinkDrive(Drive):
 
     def round_trips(self) -> Sequence[float]:
         """From a heartbeat to its echo, s."""
-        return self.line.trips
-
-    def disarm(self, why: str, tell: bool) -> None:
-        """Stop the car until `resume`."""
-        with self.lock:
-            news = self.fault in (None, NOT_YET)
-            self.armed, self.standing = False, True
-            if news:
-                self.fault = why
-        if tell:
-            self.line.write(Type.STOP)
-        if news:
-            self.report(f"link: {why}")
+        return self.trips
 
     # What the owner of the link calls.
+
+    def write(self, kind: Type, body: bytes = b"") -> bool:
+        """Send one message, from any thread; False when the line did not take it."""
+        with self.line_lock:
+            if self.port is None:
+                return False
+            self.sequence = self.sequence + 1 & 0xFFFF
+            data = encode_frame(Frame(VERSION, kind, self.sequence, body))
+            if kind == Type.HELLO:
+                data = b"\0" + data  # ends whatever the board has half of
+            if kind == Type.HEARTBEAT:
+                self.beats[self.sequence] = self.now()
+                if len(self.beats) > 64:
+                    del self.beats[next(iter(self.beats))]
+            try:
+                self.port.write(data)
+            except GONE:  # the reading thread notices it too, and reports it
+                return False
+        return True
+
+    def drop(self) -> None:
+        """Close the port."""
+        with self.line_lock:
+            port, self.port = self.port, None
+        if port is not None:
+            with contextlib.suppress(*GONE):
+                port.close()
 
     def look_after(self) -> None:
         """A heartbeat while the loop lives; notices a silent loop and a silent board."""
         now = self.now()
         if not self.welcomed.is_set():
             return
-        if not self.standing and now - self.last_command > LOOP_PATIENCE:
-            self.disarm(f"the loop has sent nothing for {now - self.last_command:.2f} s", tell=True)
-        if now - self.receiver.last > LINK_PATIENCE:
+        if not self.standing and now - self.commanded_at > LOOP_PATIENCE:
+            self.disarm(f"the loop has sent nothing for {now - self.commanded_at:.2f} s")
+        if now - self.heard_at > LINK_PATIENCE:
             self.welcomed.clear()
-            self.disarm(f"lost: no valid telemetry for {now - self.receiver.last:.2f} s", tell=True)
+            self.disarm(f"lost: no valid telemetry for {now - self.heard_at:.2f} s")
             return
-        self.line.write(Type.HEARTBEAT)
+        self.write(Type.HEARTBEAT)
 
     def greet(self) -> None:
         """Say hello now and then, until the board has answered."""
         now = self.now()
-        if not self.welcomed.is_set() and now - self.greeted > HELLO_EVERY:
-            self.greeted = now
-            self.receiver.begin()
-            self.line.write(Type.HELLO)
+        if not self.welcomed.is_set() and now - self.greeted_at > HELLO_EVERY:
+            self.greeted_at = now
+            self.write(Type.HELLO)
 
     def handle(self, data: bytes) -> None:
-        frames = self.receiver.parser.feed(data)
-        if (other := self.receiver.other_version()) is not None:
-            self.refusal = other
+        """Take bytes from the board."""
+        now, parser = self.now(), self.parser
+        frames = parser.feed(data)
+        if parser.other_version is not None:
+            self.refusal = (
+                f"the board speaks version {parser.other_version} of the protocol, this program {VERSION}: "
+                "flash it with make -C robot/firmware flash"
+            )
+            parser.other_version = None
             self.welcomed.clear()
-            self.disarm(self.refusal, tell=True)
+            self.disarm(self.refusal)
         for frame in frames:
             if frame.type == Type.WELCOME:
                 self.on_welcome(frame)
             elif frame.type == Type.TELEMETRY and self.welcomed.is_set():
                 self.on_telemetry(frame)
-        if self.receiver.bad(self.now()) and not self.standing:
-            self.disarm("bad line: many frames from the board are refused", tell=True)
+        self.noise = max(0.0, self.noise - (now - self.noise_at) / FORGIVE) + parser.refused - self.refused
+        self.noise_at, self.refused = now, parser.refused
+        if self.noise > NOISE_LIMIT and not self.standing:
+            self.disarm("bad line: many frames from the board are refused")
 
     def on_welcome(self, frame: Frame) -> None:
-        welcome = read_welcome(frame.body)
-        if self.robot is not None and welcome.robot != self.robot:
-            self.refusal = f"the board is that of the robot {welcome.robot!r}, the configuration is for {self.robot!r}"
+        _, name = read_welcome(frame.body)
+        if self.board_name is not None and name != self.board_name:
+            self.refusal = f"the board is that of the robot {name!r}, the configuration is for {self.board_name!r}"
             return
         again = self.heard is not None and not self.welcomed.is_set()
-        self.refusal = None
-        self.receiver.welcome(frame, self.now())
+        self.refusal, self.noise, self.heard_at, self.received = None, 0.0, self.now(), frame.sequence
+        self.last_applied = STAND  # what it applied before the line was lost is long over
         self.welcomed.set()
         if again:
-            self.report("link: connected again; the car stands until it is told to resume")
+            self.report("link: connected again; the car stands until it is resumed")
 
     def on_telemetry(self, frame: Frame) -> None:
-        now, before = self.now(), self.heard
-        telemetry = self.receiver.take(frame, now)
-        if telemetry is None:
+        if not 0 < (frame.sequence - self.received) & 0xFFFF < 0x8000:  # repeated, or older than the last
+            self.parser.refused += 1
             return
-        self.line.echoed(telemetry.echo, now)
-        for line in new_events(before, telemetry):
-            self.report(f"link: {line}")
+        now, before, telemetry = self.now(), self.heard, read_telemetry(frame.body)
+        self.heard, self.received, self.heard_at = telemetry, frame.sequence, now
+        self.last_applied = telemetry.applied
+        self.applied.append(telemetry.applied)
+        sent = self.beats.pop(telemetry.echo, None)
+        if sent is not None:
+            self.trips.append(now - sent)
+        new = telemetry.faults & ~(before.faults if before is not None else Fault(0))
+        if Fault.BATTERY in new:
+            self.report(f"link: battery low, {telemetry.battery:.1f} V")
+        if Fault.WATCHDOG in new:
+            self.report("link: the board was reset by its watchdog timer")
         if self.standing:
             return
         if telemetry.armed:
             self.armed = True
-        elif now - self.asked_to_arm <= 0.1:
-            return  # it may have been sent before the request
-        elif self.armed:
-            self.disarm(f"the board has stopped: {telemetry.why()}", tell=False)
-        else:
-            self.disarm("the board does not resume", tell=True)
+        elif self.armed and now - self.armed_at > ARMING:
+            self.disarm(f"the board has stopped: {', '.join(telemetry.words()) or 'it was not armed'}", stop=False)
+        elif now - self.armed_at > ARMING:
+            self.disarm("the board does not resume")
+
+    def disarm(self, why: str, stop: bool = True) -> None:
+        """Hold the car until `resume`; `stop`: the board does not know yet."""
+        with self.lock:
+            news = self.fault is None
+            self.fault = self.fault or why
+            self.armed, self.standing = False, True
+        if stop:
+            self.write(Type.STOP)
+        if news:
+            self.report(f"link: {why}")

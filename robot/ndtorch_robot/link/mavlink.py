@@ -15,8 +15,8 @@ from pydantic import Field
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import need
 from ndtorch.utils.toml import Strict
+from ndtorch_robot.link import Opening, link
 from ndtorch_robot.link.link_drive import LOOP_PATIENCE, OLDEST_COMMAND
-from ndtorch_robot.link.registry import Opening, link
 from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
 
 COMPONENT, AUTOPILOT = 191, 1

@@ -22,6 +22,9 @@ TELEMETRY_BODY = struct.Struct("<HBBhhHHHHHH")
 WIDEST = 32.0
 """Largest number that fits into a command, m/s and 1/m."""
 
+MAX_FRAME_BYTES = 31
+"""Bytes of the longest frame without its zero: four of header, 22 of body, four of checks, one of stuffing."""
+
 
 class Type(IntEnum):
     """Kinds of message; those from 0x80 on come from the board."""
@@ -36,11 +39,8 @@ class Type(IntEnum):
 
 
 BODY_SIZE = {
-    Type.HELLO: 0,
-    Type.HEARTBEAT: 0,
+    **dict.fromkeys((Type.HELLO, Type.HEARTBEAT, Type.STOP, Type.ARM), 0),
     Type.COMMAND: COMMAND_BODY.size,
-    Type.STOP: 0,
-    Type.ARM: 0,
     Type.WELCOME: WELCOME_BODY.size,
     Type.TELEMETRY: TELEMETRY_BODY.size,
 }
@@ -80,13 +80,6 @@ class Frame(NamedTuple):
     body: bytes = b""
 
 
-class Welcome(NamedTuple):
-    """The board's answer to a hello: the sequence number of that, and whose board it is."""
-
-    echo: int
-    robot: str
-
-
 class Telemetry(NamedTuple):
     """What the board does.
 
@@ -112,10 +105,8 @@ class Telemetry(NamedTuple):
     rejected: int
     uptime: int
 
-    def why(self) -> str:
-        return ", ".join(self.words()) or "it was not armed"
-
     def words(self) -> list[str]:
+        """The faults in words."""
         return [WORDS[fault] for fault in Fault if fault in self.faults]
 
     def values(self) -> dict[str, Any]:
@@ -137,10 +128,10 @@ class Telemetry(NamedTuple):
 def encode_frame(frame: Frame) -> bytes:
     """A frame as it goes over the line, ending with a zero byte."""
     checked = HEADER.pack(frame.version, frame.type, frame.sequence & 0xFFFF) + frame.body
-    return bytes(cobs.encode(checked + checks_of(checked))) + b"\0"
+    return bytes(cobs.encode(checked + checksums(checked))) + b"\0"
 
 
-def checks_of(data: bytes) -> bytes:
+def checksums(data: bytes) -> bytes:
     """Both checksums: CRC-16/CCITT-FALSE, which its library calls by its number at IBM, and CRC-16/DNP."""
     return CHECKS.pack(crc16.ibm_3740(data), crc16.dnp(data))
 
@@ -152,16 +143,14 @@ def decode_frame(coded: bytes) -> Frame | None:
     except cobs.DecodeError:
         return None
     checked, checks = data[: -CHECKS.size], data[-CHECKS.size :]
-    if len(checked) < HEADER.size or checks != checks_of(checked):
+    if len(checked) < HEADER.size or checks != checksums(checked):
         return None
-    version, kind, sequence = HEADER.unpack_from(checked)
-    return Frame(version, kind, sequence, checked[HEADER.size :])
+    return Frame(*HEADER.unpack_from(checked), checked[HEADER.size :])
 
 
 def quantised(command: DriveCommand) -> DriveCommand:
     """The command as it goes over the line: in thousandths, and no larger than fits."""
-    speed, curvature = (round(min(max(value, -WIDEST), WIDEST), 3) for value in command)
-    return DriveCommand(speed, curvature)
+    return DriveCommand(*(round(min(max(value, -WIDEST), WIDEST), 3) for value in command))
 
 
 def command_body(command: DriveCommand) -> bytes:
@@ -174,13 +163,51 @@ def read_command(body: bytes) -> DriveCommand:
     return DriveCommand(speed / 1000, curvature / 1000)
 
 
-def read_welcome(body: bytes) -> Welcome:
+def read_welcome(body: bytes) -> tuple[int, str]:
+    """The sequence number of the hello, and the name of the board."""
     echo, name = WELCOME_BODY.unpack(body)
-    return Welcome(echo, name.rstrip(b"\0 ").decode("ascii", "replace"))
+    return echo, name.rstrip(b"\0 ").decode("ascii", "replace")
 
 
 def read_telemetry(body: bytes) -> Telemetry:
     echo, armed, faults, speed, curvature, battery, *rest = TELEMETRY_BODY.unpack(body)
-    return Telemetry(
-        echo, armed == 1, Fault(faults), DriveCommand(speed / 1000, curvature / 1000), battery / 1000, *rest
-    )
+    applied = DriveCommand(speed / 1000, curvature / 1000)
+    return Telemetry(echo, armed == 1, Fault(faults), applied, battery / 1000, *rest)
+
+
+class Parser:
+    """Collects bytes and gives out the frames among them that are without error.
+
+    Attributes:
+        refused: frames with an error in them, so far.
+        other_version: version of the last good frame that was not of this version, or None.
+        received: bytes so far.
+    """
+
+    def __init__(self) -> None:
+        self.collected = bytearray()
+        self.refused = self.received = 0
+        self.other_version: int | None = None
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The frames that end in these bytes."""
+        self.received += len(data)
+        frames = []
+        *ended, rest = data.split(b"\0")
+        for part in ended:
+            self.collect(part)
+            coded = bytes(self.collected)
+            self.collected.clear()
+            frame = decode_frame(coded) if 0 < len(coded) <= MAX_FRAME_BYTES else None
+            if frame is not None and frame.version != VERSION:
+                self.other_version = frame.version
+            elif frame is not None and len(frame.body) == BODY_SIZE.get(frame.type):  # type: ignore[call-overload]
+                frames.append(frame)
+            elif coded:
+                self.refused += 1
+        self.collect(rest)
+        return frames
+
+    def collect(self, part: bytes) -> None:
+        """Bytes inside a frame; of a frame that is too long only as many are kept as say so."""
+        self.collected += part[: MAX_FRAME_BYTES + 1 - len(self.collected)]

@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
+import errno
+import grp
+import math
+import os
+import select
 import threading
 import time
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
-from ndtorch_robot.link.line import GONE, SerialLine, read_some
-from ndtorch_robot.link.link_drive import HEARTBEAT, LinkDrive
-from ndtorch_robot.link.registry import SERIAL, Opening, link
+from ndtorch_robot.link import SERIAL, Opening, link
+from ndtorch_robot.link.link_drive import GONE, HEARTBEAT, LinkDrive
 from ndtorch_robot.ports import Report
+
+if TYPE_CHECKING:
+    import serial
 
 GREETING = 3.0
 """Seconds to wait for a welcome: a board that is reset by opening its port takes two."""
 
 BACK_OFF = (0.1, 2.0)
 """Shortest and longest pause between attempts to connect anew, s."""
+
+READ_TIMEOUT, WRITE_TIMEOUT = 0.02, 0.05
 
 
 class SerialSettings(Strict):
@@ -42,46 +52,44 @@ class SerialDrive(LinkDrive):
     Args:
         device: the port, best by `/dev/serial/by-id`.
         baud: symbols a second.
-        robot: name the board must have; any by default.
+        board_name: name the board must have; any by default.
         report: called once for every event, with one line.
         greeting: seconds to wait for the first welcome.
 
     Raises:
         InputError: no such device, no permission, in use, no answer, wrong baud, another protocol version, or
-            another robot.
+            another board.
     """
 
-    line: SerialLine
+    port: serial.Serial | None
 
     def __init__(
         self,
         device: str,
         baud: int = 500_000,
-        robot: str | None = None,
+        board_name: str | None = None,
         report: Report = print,
         greeting: float = GREETING,
     ) -> None:
-        self.device, self.baud, self.greeting = device, baud, greeting
+        self.device, self.baud = device, baud
         self.closing = threading.Event()
-        super().__init__(SerialLine(device, baud), time.monotonic, robot, report)
+        super().__init__(open_port(device, baud), time.monotonic, board_name, report)
         works = (self.listen, self.supervise)
         self.threads = [threading.Thread(target=work, name=work.__name__, daemon=True) for work in works]
         for thread in self.threads:
             thread.start()
         try:
-            self.await_welcome()
+            end = time.monotonic() + greeting
+            while not self.welcomed.wait(0.02):
+                if self.refusal is not None:
+                    raise InputError(f"{device}: {self.refusal}")
+                if time.monotonic() > end:
+                    count, silence = self.parser.received, "no answer from the board; is the firmware on it?"
+                    garbled = f"{count} bytes came but no valid frame; is {baud} baud right?"
+                    raise InputError(f"{device}: {garbled if count else silence} (make -C robot/firmware flash)")
         except BaseException:
             self.close()
             raise
-
-    def await_welcome(self) -> None:
-        """Wait until the board has answered; raises `InputError` with the reason when it does not."""
-        end = time.monotonic() + self.greeting
-        while not self.welcomed.wait(0.02):
-            if self.refusal is not None:
-                raise InputError(f"{self.device}: {self.refusal}")
-            if time.monotonic() > end:
-                raise InputError(f"{self.device}: {self.receiver.silence(self.baud)}")
 
     def close(self) -> None:
         self.stop()
@@ -89,15 +97,11 @@ class SerialDrive(LinkDrive):
         for thread in self.threads:
             if thread is not threading.current_thread():
                 thread.join(2.0)
-        self.line.drop()
-
-    # The supervising thread.
+        self.drop()
 
     def supervise(self) -> None:
         while not self.closing.wait(HEARTBEAT):
             self.look_after()
-
-    # The listening thread.
 
     def listen(self) -> None:
         """Read and greet for as long as the port is there, then connect anew, with growing pauses."""
@@ -107,33 +111,83 @@ class SerialDrive(LinkDrive):
             if self.closing.is_set():
                 break
             self.welcomed.clear()
-            self.disarm(f"lost: {why}", tell=False)
-            self.line.drop()
+            self.disarm(f"lost: {why}", stop=False)
+            self.drop()
             while not self.closing.wait(pause):
                 pause = min(2 * pause, BACK_OFF[1])
-                if not self.line.reopen():
-                    continue
-                pause = BACK_OFF[0] if self.heard is not None else pause
-                break
+                if self.reopen():
+                    pause = BACK_OFF[0] if self.heard is not None else pause
+                    break
+
+    def reopen(self) -> bool:
+        """Open the port anew; False when it is not there."""
+        try:
+            port = open_port(self.device, self.baud)
+        except InputError:
+            return False
+        with self.line_lock:
+            self.port = port
+        return True
 
     def converse(self) -> str:
         """Handle what comes until the line is gone; returns why."""
-        opened = time.monotonic()
-        self.greeted = float("-inf")
-        port = self.line.port
+        opened, self.greeted_at, port = time.monotonic(), -math.inf, self.port
         assert port is not None
         while not self.closing.is_set():
-            now = time.monotonic()
             if not self.welcomed.is_set():
-                if now - max(opened, self.receiver.last) > 2 * GREETING:
+                if time.monotonic() - max(opened, self.heard_at) > 2 * GREETING:
                     return "no answer from the board"
                 self.greet()
             try:
-                data = read_some(port)
+                self.handle(read_some(port))
             except GONE as error:
                 return f"the serial port is gone ({error})"
-            self.handle(data)
         return "closed"
+
+
+def open_port(device: str, baud: int) -> serial.Serial:
+    """Open a serial port for this program alone."""
+    import serial
+
+    try:
+        return serial.Serial(device, baud, timeout=READ_TIMEOUT, write_timeout=WRITE_TIMEOUT, exclusive=True)
+    except serial.SerialException as error:
+        raise InputError(f"{device}: {reason(device, error.errno, str(error))}") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{device}: is no serial port ({error})") from None
+
+
+def read_some(port: serial.Serial) -> bytes:
+    """All that has come, up to 512 bytes; waits for it, and gives nothing after `READ_TIMEOUT`.
+
+    It takes one call to wait and one to read. `Serial.read` takes more, and after each of them this thread may have to
+    wait for the interpreter.
+    """
+    file = port.fileno()
+    if not select.select([file], [], [], READ_TIMEOUT)[0]:
+        return b""
+    data = os.read(file, 512)
+    if not data:
+        raise OSError(errno.EIO, "it gives nothing although it says that it has something")
+    return data
+
+
+def reason(device: str, number: int | None, message: str) -> str:
+    """Why a serial port cannot be opened, and what to do about it."""
+    path = Path(device)
+    if number == errno.ENOENT or not path.exists():
+        return "no such device; is the board plugged in? (ls /dev/serial/by-id)"
+    if number in (errno.EACCES, errno.EPERM):
+        try:
+            group = grp.getgrgid(path.stat().st_gid).gr_name
+        except KeyError:
+            group = str(path.stat().st_gid)
+        return f"no permission; be in the group {group}: sudo usermod -aG {group} $USER, then log in anew"
+    if number in (errno.EAGAIN, errno.EBUSY) or "lock" in message:
+        return "in use by another program"
+    if number in (errno.ENOTTY, errno.EINVAL) or "configure port" in message:
+        return "is no serial port"
+    return f"cannot be opened ({message})"
 
 
 @link(SERIAL, SerialSettings)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
-from ndtorch_robot.link.line import Line
+from ndtorch_robot.link import HOSTED_BOARD, SIMULATED_WORLD, Opening, link
 from ndtorch_robot.link.link_drive import LinkDrive
-from ndtorch_robot.link.registry import HOSTED_BOARD, SIMULATED_WORLD, Opening, link
 from ndtorch_robot.ports import CameraPair, Clock, Report
 from ndtorch_robot.sim.simulation import Simulation
 from ndtorch_robot.sim.stepped_world import SteppedWorld
@@ -25,9 +24,9 @@ class HostedSettings(Strict):
 class HostedDrive(LinkDrive):
     """A `LinkDrive` that has its board, and the world, with it. It needs no hardware."""
 
-    def __init__(self, simulation: Simulation, robot: str, report: Report, real_time: bool = False) -> None:
+    def __init__(self, simulation: Simulation, board_name: str, report: Report, real_time: bool = False) -> None:
         self.world = SteppedWorld(simulation, self, real_time)
-        super().__init__(Line(self.world, self.world.now), self.world.now, robot, report)
+        super().__init__(self.world, self.world.now, board_name, report)
         self.world.await_welcome()
 
     def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
@@ -55,7 +54,6 @@ def open_world(settings: WorldSettings, opening: Opening) -> Simulation:
 
 
 def world_of(opening: Opening, kind: str) -> Simulation:
-    """The simulated world; raises `InputError` where there is none."""
     if opening.simulation is None:
         raise InputError(f"link.kind = {kind!r} needs the table [simulation]")
     return opening.simulation

@@ -110,7 +110,7 @@ class RecordedSafety(SafeDrive):
         super().__init__(world, world)
         self.world = world
 
-    def see(self, frames: StereoFrames, speed: float, curvature: float = 0.0) -> bool:
+    def see(self, frames: StereoFrames, speed: float) -> bool:
         return self.world.recorded.used
 
     def blind(self, why: str, kind: FaultKind = FaultKind.MISSING) -> None:

@@ -178,7 +178,7 @@ def test_the_safety_layer_resumes_it_when_it_is_armed(opened):
     clock = type("Clock", (), {"now": lambda self: rig.time, "wait_until": lambda self, time: None})()
     safe = SafeDrive(rig.drive, clock)
     safe.stop()
-    safe.resume(patience=None)
+    safe.resume(patience=math.inf)
     assert safe.send(DriveCommand(0.4, 0.0)) == STAND
     rig.autopilot.armed = True
     assert wait_for(lambda: rig.drive.why_not() is None)

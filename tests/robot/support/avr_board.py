@@ -17,9 +17,9 @@ from typing import NamedTuple
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
-from ndtorch_robot.link.registry import Opening, link
+from ndtorch_robot.car import MonotonicClock
+from ndtorch_robot.link import Opening, link
 from ndtorch_robot.link.serial_drive import SerialDrive
-from ndtorch_robot.loop import MonotonicClock
 from ndtorch_robot.ports import CameraPair, Clock, Report, StereoFrames
 from ndtorch_robot.sim.firmware_host import FIRMWARE, Electronics, Pulse
 from ndtorch_robot.sim.simulation import Simulation
@@ -189,7 +189,7 @@ class BoardDrive(SerialDrive):
 
     def __init__(self, board: AvrBoard, robot: str, report: Report, simulation: Simulation | None) -> None:
         self.board, self.simulation = board, simulation
-        super().__init__(board.device, robot=robot, report=report)
+        super().__init__(board.device, board_name=robot, report=report)
 
     def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
         """Pictures of the world that the pulses move, in real time."""

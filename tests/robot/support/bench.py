@@ -116,17 +116,17 @@ class Bench:
 
     def last_moments(self):
         """What the loop did of late, to find out where time went."""
-        loop, faults = self.car.loop, self.car.safe.faults
-        parts = {name: [round(1e3 * s) for s in list(seconds)[-90:]] for name, seconds in loop.timer.seconds.items()}
+        car, faults = self.car, self.car.safe.faults
+        parts = {name: [round(1e3 * s) for s in list(seconds)[-90:]] for name, seconds in car.timer.seconds.items()}
         slow = {name: [s for s in times if s > 50] for name, times in parts.items()}
         starts = [round(when - self.cameras.began, 3) for when in self.car.starts[-90:]]
         told = [(round(stop.time - self.cameras.began, 3), stop.why) for stop in faults[-3:]]
         return f"since the fault: steps at {starts}, parts of over 50 ms {slow}, stopped {told}"
 
     def steps_go_on(self):
-        before = self.car.loop.steps
+        before = self.car.steps
         time.sleep(0.3)
-        return self.car.loop.steps > before
+        return self.car.steps > before
 
 
 @contextmanager

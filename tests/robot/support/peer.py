@@ -5,8 +5,7 @@ import pty
 import threading
 import tty
 
-from ndtorch_robot.link.messages import Frame, Type, encode_frame
-from ndtorch_robot.link.receiver import Parser
+from ndtorch_robot.link.messages import Frame, Parser, Type, encode_frame
 
 
 class Peer:

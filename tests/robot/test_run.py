@@ -1,0 +1,73 @@
+"""`ndtorch run` and `ndtorch check` in a simulated world, with the firmware's own code."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from ndtorch.cli.commands import main
+from ndtorch.errors import InputError
+from ndtorch_robot.commands.check import Check
+from ndtorch_robot.run import with_disturbance
+from ndtorch_robot.run_config import read_run_config
+
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
+
+
+@pytest.fixture
+def car(tmp_path):
+    """A car in simulated time."""
+    file = tmp_path / "car.toml"
+    file.write_text(
+        'board_name = "maxston8"\nsimulation = {arena = "curve", seed = 11}\nnavigation = {controller = "published"}\n'
+    )
+    return str(file)
+
+
+@needs_compiler
+def test_a_drive_that_goes_well(car, capsys):
+    assert main(["run", car, "--go", "--seconds", "2"]) == 0
+    out, err = capsys.readouterr()
+    assert "started" in err
+    assert "fault" not in out + err
+    assert "{" not in out
+    assert "61 steps" in out.splitlines()[0]
+
+
+@needs_compiler
+def test_a_car_stands_without_go_and_faults_are_named(car, capsys):
+    assert main(["run", car, "--seconds", "1", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["distance_m"], summary["standing"], summary["faults"]) == (0.0, "not started", [])
+    assert main(["run", car, "--go", "--seconds", "1", "--disturbance", "lost_ratio=0.9"]) == 0
+    assert "fault at " in capsys.readouterr().out
+
+
+def test_a_disturbance_goes_into_the_simulated_world():
+    config = read_run_config(Path("sim"))
+    assert with_disturbance(config, "noise").simulation.disturbance == "noise"
+    assert with_disturbance(config, "") is config
+    with pytest.raises(InputError, match="this car has cameras"):
+        with_disturbance(read_run_config(Path("maxstone8")), "noise")
+
+
+@needs_compiler
+def test_the_firmware_passes_the_check(capsys):
+    """In simulated time: directions, speeds and the emergency stop of the board's own code."""
+    assert main(["check", "sim", "--yes", "--json"]) == 0
+    points = dict.fromkeys(("cameras", "link", "directions", "emergency_stop"), True)
+    assert json.loads(capsys.readouterr().out) == points
+
+
+def test_a_wrong_answer_and_the_end_of_the_input_count_as_no(capsys, monkeypatch):
+    """The directions are wrong; then nobody answers."""
+    monkeypatch.setattr("ndtorch_robot.link.open_link", lambda *_: type("Link", (), {"close": lambda self: None})())
+    monkeypatch.setattr("ndtorch_robot.run.make_simulation", lambda config: None)
+    for name, right in (("link", True), ("move", False), ("emergency", True)):
+        monkeypatch.setattr(Check, name, lambda *_, right=right: right)
+    assert main(["check", "sim", "--yes"]) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == "not right: directions"
+    monkeypatch.setattr("builtins.input", lambda: (_ for _ in ()).throw(EOFError))
+    assert main(["check", "sim"]) == 1
+    assert capsys.readouterr().err == "put the car on a block first\n"
