@@ -102,7 +102,8 @@ class SafeDrive:
         self.drive, self.clock, self.limits, self.frame_check = drive, clock, limits or SafetyLimits(), frame_check
         self.report = report or (lambda line: None)
         self.lock = threading.RLock()
-        self.state, self.standing = DriveState.DRIVING, None
+        self.state = DriveState.DRIVING
+        self.standing: str | None = None
         self.faults: list[Stop] = []
         self.clamped, self.sent, self.frames_time = 0, STAND, -math.inf
         self.sent_at: float | None = None

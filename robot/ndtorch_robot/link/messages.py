@@ -145,7 +145,8 @@ def decode_frame(coded: bytes) -> Frame | None:
     checked, checks = data[: -CHECKS.size], data[-CHECKS.size :]
     if len(checked) < HEADER.size or checks != checksums(checked):
         return None
-    return Frame(*HEADER.unpack_from(checked), checked[HEADER.size :])
+    version, kind, sequence = HEADER.unpack_from(checked)
+    return Frame(version, kind, sequence, checked[HEADER.size :])
 
 
 def quantised(command: DriveCommand) -> DriveCommand:
