@@ -29,7 +29,6 @@ from ndtorch.utils.files import save_tensors
 from ndtorch.utils.tensors import leaves
 from ndtorch.utils.toml import toml_values
 from ndtorch.vision import GROUPS
-from ndtorch_robot.calibration.model import Calibration
 from ndtorch_robot.cameras.source import CameraSettings
 from ndtorch_robot.navigator_options import declared
 from ndtorch_robot.run_config import RunConfig
@@ -134,9 +133,6 @@ ENDINGS = (
 WITHOUT = {
     "simulation": "seed",
     "cameras": "gain",
-    "left": "distortion",
-    "right": "distortion",
-    "quality": "views",
 }
 """Numbers that have no unit, by the table: shares, levels of gray, counts."""
 
@@ -183,7 +179,7 @@ def numbers(table: type[BaseModel], name: str) -> Iterator[tuple[str, str]]:
             yield name, key
 
 
-@pytest.mark.parametrize(("table", "name"), [(RunConfig, ""), (CameraSettings, "cameras"), (Calibration, "")])
+@pytest.mark.parametrize(("table", "name"), [(RunConfig, ""), (CameraSettings, "cameras")])
 def test_keys_of_hardware_end_in_their_unit(table: type[BaseModel], name: str) -> None:
     found = list(numbers(table, name))
     assert len(found) > 4

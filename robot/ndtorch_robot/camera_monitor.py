@@ -111,7 +111,8 @@ class CameraMonitor:
         if fault is not None:
             return fault
         pair = []
-        for k, image in enumerate(frames[:2]):
+        images: tuple[Tensor | Strips | None, ...] = frames[:2]
+        for k, image in enumerate(images):
             if image is None:
                 return Fault(FaultKind.MISSING, f"the {SIDES[k]} camera gave no frame")
             if isinstance(image, Tensor):
@@ -182,17 +183,18 @@ class CameraMonitor:
 def blocks(image: Tensor, high: int) -> Array:
     """Block means `[h / high, w / 4]` in levels of the green or only color of `[..., C, h, w]`."""
     plane = image.reshape(-1, *image.shape[-3:])[-1, image.shape[-3] // 2]
-    pixels = plane.numpy().astype(np.float32) * (1 if image.dtype == torch.uint8 else 255)
+    pixels: Array = plane.numpy().astype(np.float32) * (1 if image.dtype == torch.uint8 else 255)
     high, wide = min(high, pixels.shape[0]), min(BLOCK, pixels.shape[1])
     rows, columns = pixels.shape[0] // high, pixels.shape[1] // wide
-    return pixels[: rows * high, : columns * wide].reshape(rows, high, columns, wide).mean((1, 3))
+    means: Array = pixels[: rows * high, : columns * wide].reshape(rows, high, columns, wide).mean((1, 3))
+    return means
 
 
 def detail(means: Array) -> float:
     """Standard deviation of block means without shading, such as that of a hand before the lens."""
     lag = min(SHADING_BLOCKS if len(means) == 1 else SHADING_BLOCKS // 2, (means.shape[1] - 1) // 4)
     if lag > 0:
-        means = means[:, lag:-lag] - (means[:, : -2 * lag] + means[:, 2 * lag :]) / 2
+        return float((means[:, lag:-lag] - (means[:, : -2 * lag] + means[:, 2 * lag :]) / 2).std())
     return float(means.std())
 
 

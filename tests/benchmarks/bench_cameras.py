@@ -15,8 +15,9 @@ import torch
 
 from ndtorch.navigation import Strips
 from ndtorch.navigation.options import NavigatorOptions
+from ndtorch.navigation.stereo.calibration_files import StereoCalibration, stereo_calibration
 from ndtorch.navigation.stereo.strips import cut_strips
-from ndtorch_robot.calibration import Calibration, Rectifier
+from ndtorch_robot.calibration import Rectifier
 from ndtorch_robot.cameras import CameraSettings, FramesEnded, StereoCameras
 from ndtorch_robot.cameras.pair import to_tensor
 from ndtorch_robot.navigator_runner import NavigatorRunner
@@ -38,21 +39,11 @@ class Unqueued(Recorder):
         self.flush()
 
 
-def calibration() -> Calibration:
+def calibration() -> StereoCalibration:
     """Two cameras that are a little askew."""
-    lens = {"fx_px": 428.0, "fy_px": 429.0, "cx_px": 322.0, "cy_px": 237.0, "distortion": (-0.12, 0.05, 0.0, 0.0, 0.0)}
-    quality = dict.fromkeys(("left_px", "right_px", "pair_px", "row_px", "row_95_px", "focal_percent"), 0.0)
-    values = {
-        "width_px": 640,
-        "height_px": 480,
-        "rotation_rad": (0.01, 0.01, 0.01),
-        "translation_m": (-0.3, 0.0, 0.0),
-        "focal_px": 430.0,
-        "left": lens,
-        "right": lens,
-        "quality": quality | {"views": 20, "square_percent": 0.0, "tilt_deg": 60.0, "covered_percent": 60.0},
-    }
-    return Calibration.model_validate(values)
+    matrix = np.array([[428.0, 0.0, 322.0], [0.0, 429.0, 237.0], [0.0, 0.0, 1.0]])
+    turn, distortion = cv2.Rodrigues(np.full(3, 0.01))[0], np.array([-0.12, 0.05, 0.0, 0.0, 0.0])
+    return stereo_calibration([matrix] * 2, [distortion] * 2, turn, np.array([-0.3, 0.0, 0.0]), (640, 480))
 
 
 def films(folder: Path, count: int) -> tuple[str, str]:
@@ -89,7 +80,7 @@ def rows(device: str | None = None) -> list[Row]:
     images = stereo_pair(0)
     frames = [to_tensor(image) for image in images]
     maps = cv2.initUndistortRectifyMap(
-        calibration().left.matrix, calibration().left.coefficients, np.eye(3), np.eye(3) * 430, (640, 480), cv2.CV_32FC1
+        calibration().left.matrix, calibration().left.distortion, np.eye(3), np.eye(3) * 430, (640, 480), cv2.CV_32FC1
     )
     strips = [cut_strips(frame, field, RIG) for frame, field in zip(frames, RIG.subfields(), strict=True)]
     found = []

@@ -102,21 +102,12 @@ def sweeps(folder: Path) -> None:
 
 
 def calibration(folder: Path) -> None:
-    from ndtorch_robot.calibration.model import Calibration, Lens, Quality, write_calibration
-
-    lens = Lens(fx_px=430.0, fy_px=430.0, cx_px=320.0, cy_px=240.0, distortion=(-0.1, 0.01, 0.0, 0.0, 0.0))
-    quality = dict.fromkeys(Quality.model_fields, 1.0) | {"views": 12}
-    made = Calibration(
-        width_px=640,
-        height_px=480,
-        rotation_rad=(0.001, 0.002, 0.0),
-        translation_m=(-0.3, 0.0, 0.001),
-        focal_px=430.0,
-        left=lens,
-        right=lens,
-        quality=Quality(**quality),  # type: ignore[arg-type]
-    )
-    write_calibration(made, folder / "pair.toml")
+    projection = "640.0 0.0 319.5 {} 0.0 640.0 239.5 0.0 0.0 0.0 1.0 0.0"
+    (folder / "kitti.txt").write_text(f"P0: {projection.format(0)}\nP1: {projection.format(-76.8)}\n")
+    lens = "[640.0, 0.0, 319.5, 0.0, 640.0, 239.5, 0.0, 0.0, 1.0]"
+    lenses = "".join(f"M{n}: {lens}\nD{n}: [0.1, 0.0, 0.0, 0.0]\n" for n in (1, 2))
+    motion = "R: [1, 0, 0, 0, 1, 0, 0, 0, 1]\nT: [-0.1, 0, 0]\n"
+    (folder / "pair.yaml").write_text(f"image_width: 640\nimage_height: 480\n{lenses}{motion}")
 
 
 def recordings(folder: Path) -> None:

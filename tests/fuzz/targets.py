@@ -237,7 +237,7 @@ TARGETS = {
         Target("car", read_car),
         Target("drive", read_drive),
         Target("arena", named("ndtorch_robot.sim.arena_file:read_arena")),
-        Target("calibration", named("ndtorch_robot.calibration.model:read_calibration")),
+        Target("calibration", named("ndtorch.navigation.stereo.calibration_files:load_calibration")),
         Target("recording", read_recording, craft_recording, 0.7),
         Target("replay", replay_recording, craft_recording, 0.8),
         Target("bag", read_bag),

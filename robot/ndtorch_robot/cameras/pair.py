@@ -14,6 +14,7 @@ from torch import Tensor
 from ndtorch.errors import InputError
 from ndtorch.navigation import Rect, StereoRig, Strips
 from ndtorch.navigation.options import NavigatorOptions
+from ndtorch.navigation.stereo.calibration_files import load_calibration
 from ndtorch_robot.cameras.pairing import Frame, Pair, Pairing, PairStatistics
 from ndtorch_robot.cameras.reader import CameraReader, frame_rate
 from ndtorch_robot.cameras.source import CameraSettings, Capture, Image, Opener, Source, find_source, open_capture
@@ -41,10 +42,6 @@ class Rectify(Protocol):
         """`Strips` of `[1, C, h, w]` uint8 of both eyes."""
         ...
 
-    def check_size(self, width: int, height: int) -> None:
-        """Raise `InputError` when it is made for images of another size."""
-        ...
-
 
 class StereoCameras(Closing):
     """Two cameras that run freely, one reader thread each; implements `ndtorch_robot.ports.CameraPair`.
@@ -67,8 +64,6 @@ class StereoCameras(Closing):
         self.settings, self.rectify = settings, rectify
         if settings.calibration is not None and rectify is None:
             raise InputError(f"cameras with calibration {settings.calibration} must be opened by open_cameras")
-        if rectify is not None:
-            rectify.check_size(settings.width_px, settings.height_px)
         self.sources = (find_source(settings.left), find_source(settings.right))
         if self.sources[0].live and self.sources[0].target == self.sources[1].target:
             raise InputError(f"left and right are the same camera, {settings.left}")
@@ -309,9 +304,9 @@ def open_cameras(
     """
     if settings.calibration is None:
         return StereoCameras(settings, opener=opener), rig
-    from ndtorch_robot.calibration import Rectifier, read_calibration
+    from ndtorch_robot.calibration import Rectifier
 
-    calibration = read_calibration(settings.calibration)
+    calibration = load_calibration(settings.calibration)
     draft = Rectifier(calibration, rig)
     rectifier = Rectifier(calibration, rig, (fields or NavigatorOptions().fields)(draft.rig))
     return StereoCameras(settings, rectifier, opener), rectifier.rig

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,10 +15,13 @@ import tyro
 from ndtorch.errors import InputError
 
 if TYPE_CHECKING:
-    from ndtorch_robot.calibration import Board, Calibration, View
+    from ndtorch_robot.cameras.source import Image
 
 REFUSED = 1
 """Exit code for images that give no calibration worth driving with."""
+
+NEW_RATIO = 0.06
+"""Mean motion of the corners since every view kept, as a ratio to the width of the image, that makes a new view."""
 
 
 @dataclass(frozen=True)
@@ -24,101 +29,131 @@ class Calibrate:
     """Measure two cameras with a chessboard.
 
     LEFT and RIGHT are two folders of images taken in pairs, or two cameras before which the board is then moved
-    about: near and far, into every corner, tilted up to 35 degrees. Writes a TOML file, unless the result is too
+    about: near and far, into every corner, tilted up to 35 degrees. Writes a YAML file, unless the result is too
     bad to drive with; docs/robot/calibration.md says how to do it and what the figures mean.
     """
 
     left: Annotated[str, tyro.conf.Positional]
-    """The left images are read from this folder, or from this device, video file or address with ://."""
+    """Folder of the left images, or device, video file or address with ://."""
     right: Annotated[str, tyro.conf.Positional]
-    """The right images are read from here."""
+    """Folder of the right images, or device, video file or address with ://."""
     columns: int = 9
-    """The board has this number of inner corners along its longer side."""
+    """Inner corners along the longer side of the board."""
     rows: int = 6
-    """The board has this number of inner corners along its shorter side."""
+    """Inner corners along the shorter side of the board."""
     square_mm: float = 40.0
-    """A square has this side on the print, in mm."""
-    out: Path = Path("calibration.toml")
-    """The calibration is written into this file."""
+    """Side of a square on the print, in mm."""
+    out: Path = Path("calibration.yaml")
+    """File for the calibration."""
     force: bool = False
-    """The file is replaced if it exists."""
-    focal_px: float | None = None
-    """The rectified images have this focal length, in pixels (default: that of the cameras)."""
+    """Replace the file if it exists."""
     views: int = 20
-    """Live, this number of views is taken."""
+    """Number of views that are taken of live cameras."""
     seconds: float = 300.0
-    """Live, taking the views ends after this time, in s."""
+    """Time after which taking views of live cameras ends, in s."""
     keep: Path | None = None
-    """Live, the images of the views are kept in this folder."""
+    """Folder for the images of the views of live cameras."""
     width: int = 640
-    """Live, the images have this width, in pixels."""
+    """Width of the images of live cameras, in pixels."""
     height: int = 480
-    """Live, the images have this height, in pixels."""
+    """Height of the images of live cameras, in pixels."""
     json: bool = False
-    """The calibration is printed as one JSON object, and nothing else is."""
+    """Print the calibration as one JSON object and nothing else."""
 
     def run(self) -> int:
+        import numpy as np
+
         from ndtorch.run.folder import new_file
-        from ndtorch_robot.calibration import Board, calibrate, faults, write_calibration
+        from ndtorch_robot.calibration import Board, View, calibrate, find_view, write_calibration
 
         new_file(self.out, self.force)
-        board = Board(self.columns, self.rows, self.square_mm / 1000)
-        views, size, looked = self.look(board)
-        calibration = calibrate(views, board, size, self.focal_px)
-        wrong = faults(calibration.quality)
-        if not wrong:
-            write_calibration(calibration, self.out)
-        if self.json:
-            print(json.dumps({"accepted": not wrong, "faults": wrong, **calibration.model_dump(mode="json")}))
-        else:
-            print(describe(calibration, looked))
-            print(f"written to {self.out}" if not wrong else "REFUSED: " + "\n         ".join(wrong))
-        return REFUSED if wrong else 0
-
-    def look(self, board: Board) -> tuple[list[View], tuple[int, int], int]:
-        """The views, the size of the images, and how many pairs there were."""
-        from ndtorch_robot.calibration import folder_pairs
-        from ndtorch_robot.calibration.collect import collect, from_files
-
-        def seen(count: int, view: View) -> None:
-            if not self.json:
-                where = view.left.mean(0)
-                print(f"  view {count}: board at column {where[0]:.0f}, row {where[1]:.0f}", file=sys.stderr)
-
-        folders = Path(self.left), Path(self.right)
-        if any(folder.is_dir() for folder in folders):
-            pairs = folder_pairs(*folders)
-            views, size = from_files(pairs, board, seen)
-            return views, size, len(pairs)
         if self.views < 1 or not 0 < self.seconds <= 86400:
             raise InputError(f"expected --views >= 1 and --seconds > 0, got {self.views} and {self.seconds}")
+        board, views, pairs = Board(self.columns, self.rows, self.square_mm / 1000), list[View](), 0
+        live, size = not (Path(self.left).is_dir() or Path(self.right).is_dir()), (0, 0)
+        for left, right in self.live_pairs() if live else self.folder_pairs():
+            pairs, size = pairs + 1, (left.shape[1], left.shape[0])
+            view = find_view(left, right, board)
+            if view is None or (live and any(np.abs(view.left - v.left).mean() < NEW_RATIO * size[0] for v in views)):
+                continue
+            views.append(view)
+            if live and self.keep is not None:
+                keep(self.keep, len(views), left, right)
+            if not self.json:
+                column, row = view.left.mean(0)
+                print(f"  view {len(views)}: board at column {column:.0f}, row {row:.0f}", file=sys.stderr)
+            if live and len(views) == self.views:
+                break
+        calibration, quality = calibrate(views, board, size)
+        faults = quality.faults()
+        if not faults:
+            write_calibration(calibration, quality, self.out)
+        projection = calibration.right.projection
+        baseline = -float(projection[0, 3] / projection[0, 0])
+        if self.json:
+            print(json.dumps({"accepted": not faults, "faults": faults, "baseline_m": baseline, **quality._asdict()}))
+            return REFUSED if faults else 0
+        print(f"{size[0]}x{size[1]}, {quality.views} of {pairs} pairs, boards cover {quality.covered_percent:.0f} %")
+        print(f"  baseline {1000 * baseline:.2f} mm, focal lengths known to {quality.focal_percent:.2f} %")
+        errors = f"{quality.left_px:.3f} px left, {quality.right_px:.3f} px right, {quality.pair_px:.3f} px together"
+        print(f"  reprojection error {errors}")
+        print(f"  rows of the rectified pair differ by {quality.row_px:.3f} px")
+        print("REFUSED: " + "\n         ".join(faults) if faults else f"written to {self.out}")
+        return REFUSED if faults else 0
+
+    def live_pairs(self) -> Iterator[tuple[Image, Image]]:
         from ndtorch.utils.toml import check
-        from ndtorch_robot.cameras import StereoCameras
+        from ndtorch_robot.cameras import CamerasSilent, FramesEnded, StereoCameras
         from ndtorch_robot.cameras.source import CameraSettings
 
-        values: dict[str, object] = {
-            "left": self.left,
-            "right": self.right,
-            "width_px": self.width,
-            "height_px": self.height,
-            "max_age_ms": 500.0,
-        }
+        size = {"width_px": self.width, "height_px": self.height}
+        values = {"left": self.left, "right": self.right, **size, "max_age_ms": 500.0}
+        until = time.monotonic() + self.seconds
         with StereoCameras(check(values, CameraSettings, "calibrate")) as cameras:
-            views = collect(cameras, board, self.views, self.seconds, seen, self.keep)
-            return views, (self.width, self.height), cameras.statistics().pairs
+            while time.monotonic() < until:
+                try:
+                    pair = cameras.read_pair()
+                except CamerasSilent:
+                    continue
+                except FramesEnded:
+                    return
+                yield pair.left.image, pair.right.image
+
+    def folder_pairs(self) -> Iterator[tuple[Image, Image]]:
+        """Images of both folders in natural order."""
+        import cv2
+        import numpy as np
+
+        from ndtorch.scenes.image_folder import FolderReader
+        from ndtorch.scenes.readers import quiet_opencv
+
+        for folder in (self.left, self.right):
+            if not Path(folder).is_dir():
+                raise InputError(f"{folder}: no such folder")
+        files = [FolderReader(Path(folder)).files for folder in (self.left, self.right)]
+        if len(files[0]) != len(files[1]):
+            raise InputError(f"the folders must hold as many images, got {len(files[0])} and {len(files[1])}")
+        size = None
+        for pair in zip(*files, strict=True):
+            images = []
+            for path in pair:
+                with quiet_opencv():
+                    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+                if image is None or image.shape != (size or image.shape):
+                    raise InputError(f"{path}: not an image, or not of the size of the others")
+                size = image.shape
+                images.append(np.asarray(image, np.uint8))
+            yield images[0], images[1]
 
 
-def describe(calibration: Calibration, looked: int) -> str:
-    c, q = calibration, calibration.quality
-    turn = [57.29578 * angle for angle in c.rotation_rad]
-    return "\n".join(
-        [
-            f"{c.width_px}x{c.height_px}, {q.views} of {looked} pairs used, boards cover {q.covered_percent:.0f} %",
-            f"  baseline {1000 * c.baseline_m:.2f} mm, rectified focal length {c.focal_px:.2f} px "
-            f"(known to {q.focal_percent:.2f} %)",
-            f"  right camera turned by {turn[0]:+.2f}, {turn[1]:+.2f}, {turn[2]:+.2f} degrees (down, aside, roll)",
-            f"  reprojection {q.left_px:.3f} px left, {q.right_px:.3f} px right, {q.pair_px:.3f} px together",
-            f"  rows of the corrected pair differ by {q.row_px:.3f} px, 95 % by less than {q.row_95_px:.3f} px",
-            f"  squares measured by the corrected pair: {q.square_percent:+.3f} % off",
-        ]
-    )
+def keep(folder: Path, number: int, left: Image, right: Image) -> None:
+    """Write a pair as `left/001.png` and `right/001.png`, for `ndtorch calibrate folder/left folder/right`."""
+    import cv2
+
+    for side, image in (("left", left), ("right", right)):
+        path = folder / side / f"{number:03d}.png"
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
+        except OSError as error:
+            raise InputError(f"{path}: cannot keep the image ({error.strerror})") from None

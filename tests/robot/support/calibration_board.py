@@ -129,5 +129,5 @@ def views():
 
 @cache
 def measured():
-    """The pair calibrated from its pictures, as a user would."""
+    """The pair calibrated from its pictures, as a user would, and its quality."""
     return calibrate(views(), BOARD, (640, 480))
