@@ -157,7 +157,7 @@ def calibrate(views: Sequence[View], board: Board, size: tuple[int, int]) -> tup
     """
     if len(views) < MIN_VIEWS:
         raise InputError(f"{MIN_VIEWS} pairs that show the whole board are needed, got {len(views)}")
-    objects, corners = [board.points] * len(views), [list(side) for side in zip(*views, strict=True)]
+    objects, corners = [board.points] * len(views), ([v.left for v in views], [v.right for v in views])
     lenses, errors, focal, tilts, covered = [], [], [], [], []
     try:
         for points in corners:
@@ -174,24 +174,26 @@ def calibrate(views: Sequence[View], board: Board, size: tuple[int, int]) -> tup
             covered.append(100 * len(np.unique(cells, axis=0)) / 64)
         if min(tilts) < MIN_TILT_DEG:
             raise InputError(MINIMA["tilt_deg"][1].format(min(tilts)))
-        pair, *_, turn, shift, _, _ = cv2.stereoCalibrate(
+        pair, *_, rotation, translation, _, _ = cv2.stereoCalibrate(
             objects, *corners, *lenses[0], *lenses[1], size, flags=cv2.CALIB_FIX_INTRINSIC
         )
     except cv2.error as error:
         raise InputError(f"these views cannot be calibrated: {str(error).splitlines()[-1].strip()}") from None
-    turn, shift = np.asarray(turn, np.float64), np.asarray(shift, np.float64).ravel()
+    shift = np.asarray(translation, np.float64).ravel()
     if not np.isfinite(shift).all() or abs(shift[0]) < 2 * np.hypot(shift[1], shift[2]):
         raise InputError(f"the cameras must sit side by side, but the right one is at {-shift.round(3)} m of the left")
     if shift[0] > 0:
         raise InputError(f"left and right are swapped: the right camera is {shift[0]:.3f} m left of the left one")
     matrices, distortions = zip(*lenses, strict=True)
-    calibration = stereo_calibration(matrices, distortions, turn, shift, size)
+    calibration = stereo_calibration(matrices, distortions, np.asarray(rotation, np.float64), shift, size)
     cameras = (calibration.left, calibration.right)
     left, right = (
         rectified_points(np.concatenate(points), c)[:, 1] for points, c in zip(corners, cameras, strict=True)
     )
     row = float(np.sqrt(((left - right) ** 2).mean()))
-    return calibration, Quality(len(views), *errors, float(pair), row, max(focal), min(tilts), min(covered))
+    return calibration, Quality(
+        len(views), errors[0], errors[1], float(pair), row, max(focal), min(tilts), min(covered)
+    )
 
 
 def rectified_points(points: Matrix | Points, camera: PairCamera) -> Matrix:

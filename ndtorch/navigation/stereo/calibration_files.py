@@ -183,8 +183,8 @@ def of_lines(text: str, cameras: tuple[int, int], unit_m: float | None) -> Stere
     matrices = [row.reshape(3, 4) for name, row in rows if row.size == 12 and name[:1] in ("P", "")]
     if len(matrices) <= max(cameras):
         return None
-    left, right = (rectified_camera(matrices[n], unit_m or 1.0) for n in cameras)
-    return StereoCalibration(left, right, None)
+    first, second = (rectified_camera(matrices[n], unit_m or 1.0) for n in cameras)
+    return StereoCalibration(first, second, None)
 
 
 def of_tables(tables: list[dict[str, Any]], cameras: tuple[int, int], unit: float) -> StereoCalibration:
