@@ -3,53 +3,167 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
 import sys
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import Literal, NamedTuple
 
 MARKS = {"works": "ok  ", "missing": "-   ", "fails": "FAIL"}
+
+NEEDED = ("torch", "numpy", "numba", "scipy", "cv2", "av", "serial", "mcap", "rosbags.typesys")
+"""Modules without which something that is always promised does not work; they are loaded."""
+
+OPTIONAL = {"mujoco": "simulated cars", "gymnasium": "learning to drive", "rerun": "the viewer", "pyarrow": "Parquet"}
+
+
+class Finding(NamedTuple):
+    """The state of one part, in words, and what to do about it; `"missing"` is what can be done without."""
+
+    part: str
+    state: Literal["works", "missing", "fails"]
+    words: str
+    advice: str = ""
 
 
 @dataclass(frozen=True)
 class Doctor:
     """Say what is installed, what of this machine is used, what does not work, and what to do about it.
 
-    Exit code 1 if something fails that is needed; cameras, OpenGL and boards that are not there do not count.
+    Exit code 1 if something fails that is needed; cameras and boards that are not there do not count.
     """
 
     prepare: bool = False
-    """All kernels are compiled now, so that no first start waits for them: for images of small computers."""
+    """Compile all kernels now, so that no first start waits for them: for images of small computers."""
     json: bool = False
-    """The findings are printed as one JSON object."""
+    """Print the findings as one JSON object."""
 
     def run(self) -> int:
-        from ndtorch_robot.doctor import examine
-
-        found = []
+        findings = []
         for finding in examine():
-            found.append(finding)
+            findings.append(finding)
             if not self.json:
                 advice = f"\n{'':29s} -> {finding.advice}" if finding.advice else ""
                 print(f"{MARKS[finding.state]} {finding.part:24s} {finding.words}{advice}", flush=True)
-        seconds = self.prepared() if self.prepare else {}
-        failed = [finding.part for finding in found if finding.state == "fails"]
+        seconds = {}
+        for name, prepare in preparations() if self.prepare else ():
+            began = time.perf_counter()
+            prepare()
+            seconds[name] = round(time.perf_counter() - began, 3)
+            print(f"{seconds[name]:8.1f} s  {name}", file=sys.stderr if self.json else sys.stdout, flush=True)
+        failed = [finding.part for finding in findings if finding.state == "fails"]
         if self.json:
-            print(json.dumps({"findings": [f._asdict() for f in found], "prepared_s": seconds, "failed": failed}))
+            print(json.dumps({"findings": [f._asdict() for f in findings], "prepared_s": seconds, "failed": failed}))
         elif failed:
             print(f"does not work: {', '.join(failed)}")
         return 1 if failed else 0
 
-    def prepared(self) -> dict[str, float]:
-        """Compile all kernels; seconds by name."""
-        import torch
 
-        from ndtorch_robot.doctor import preparations
+def examine() -> Iterator[Finding]:
+    """All findings, the necessary ones first."""
+    from ndtorch.utils.packages import NAMES, remedy
 
-        torch.set_num_threads(1)
-        taken = {}
-        for name, prepare in preparations():
-            began = time.perf_counter()
-            prepare()
-            taken[name] = round(time.perf_counter() - began, 3)
-            print(f"{taken[name]:8.1f} s  {name}", file=sys.stderr if self.json else sys.stdout, flush=True)
-        return taken
+    yield Finding("Python", "works", f"{platform.python_version()} on {platform.platform()}")
+    for module in ("ndtorch", *NEEDED):
+        top = module.split(".")[0]
+        name = NAMES.get(top, top)
+        try:
+            import_module(module)
+            yield Finding(name, "works", version(name))
+        except (ImportError, OSError, PackageNotFoundError) as error:
+            advice = remedy(top) or f"pip install {name}"
+            yield Finding(name, "fails", f"cannot be loaded ({str(error).splitlines()[0]})", advice)
+    for module, what in OPTIONAL.items():
+        name = NAMES.get(module, module)
+        try:
+            yield Finding(name, "works", version(name))
+        except PackageNotFoundError:
+            yield Finding(name, "missing", f"not installed, for {what}", remedy(module) or f"pip install {name}")
+    for check in (processor, kernels, cameras, serial_ports):
+        try:
+            yield from check()
+        except Exception as error:  # whatever is wrong with this machine, the rest is still shown
+            yield Finding(check.__name__, "fails", f"{type(error).__name__}: {error}")
+
+
+def processor() -> Iterator[Finding]:
+    import torch
+
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    units = torch.backends.cpu.get_cpu_capability()
+    yield Finding("processor", "works", f"{platform.machine()}, {cores} cores, {units}")
+    gpu = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no GPU"
+    yield Finding("torch", "works", f"{torch.get_num_threads()} threads, {gpu}")
+
+
+def kernels() -> Iterator[Finding]:
+    from ndtorch.navigation import controller_names
+    from ndtorch.utils.cache_folder import cache_folder, private_folder
+
+    folder = cache_folder()
+    try:
+        kept = len(list(private_folder(folder).rglob("*.nbc")))
+    except Exception as error:
+        advice = "give the folder to this user alone (chmod 700), or set XDG_CACHE_HOME to another one"
+        yield Finding("kernel cache", "fails", f"{folder}: {error}: all is compiled at each start", advice)
+    else:
+        advice = "" if kept > 50 else "ndtorch doctor --prepare compiles all kernels now instead of at the first start"
+        yield Finding("kernel cache", "works", f"{folder}, {kept} functions", advice)
+    yield Finding("controllers", "works", ", ".join(controller_names()))
+
+
+def cameras() -> Iterator[Finding]:
+    from ndtorch.errors import InputError
+    from ndtorch_robot.cameras import CameraSettings, find_source, list_devices
+    from ndtorch_robot.cameras.pair import probe_size
+
+    devices = list_devices()
+    if len(devices) < 2:
+        words = f"the kernel knows {len(devices)}, two are needed"
+        yield Finding("cameras", "missing", words, "plug both in: lsusb -t")
+    for device in devices:
+        try:
+            settings = CameraSettings(left=device.node, right=device.node)
+            width, height = probe_size(find_source(device.node), settings)
+            yield Finding(device.node, "works", f"{device.name}, {width}x{height}")
+        except InputError as error:
+            yield Finding(device.node, "fails", f"{device.name}: {error}", "ndtorch cameras lists what is there")
+
+
+def serial_ports() -> Iterator[Finding]:
+    from serial.tools.list_ports import comports
+
+    ports = comports()
+    if not ports:
+        yield Finding("serial port", "missing", "none", "plug the board in; dmesg says under which name it came")
+    for port in ports:
+        if os.access(port.device, os.R_OK | os.W_OK):
+            yield Finding(port.device, "works", str(port.description))
+        else:
+            advice = "sudo usermod -aG dialout $USER, and log in again"
+            yield Finding(port.device, "missing", f"{port.description}: this user may not use it", advice)
+
+
+def preparations() -> Iterator[tuple[str, Callable[[], object]]]:
+    """What compiles all kernels, by name."""
+    import torch
+
+    import ndtorch
+    from ndtorch.navigation import Grid, StereoRig, controller_names
+    from ndtorch.navigation.options import NavigatorOptions
+    from ndtorch_robot.navigator_runner import NavigatorRunner
+
+    torch.set_num_threads(1)
+    for name in controller_names():
+        for stereo in ("features", "search"):
+            options = NavigatorOptions(name, stereo=stereo, localise=stereo == "search")
+            yield f"{name}, {stereo}", NavigatorRunner(options, StereoRig(), 30.0, Grid(-5.0, 5.0, -5.0, 5.0)).warm_up
+    frames = torch.zeros(12, 3, 48, 64, dtype=torch.uint8)
+    for n, frame in enumerate(frames):
+        frame[:, 16:32, 4 * n : 4 * n + 16] = 200
+    for name in ndtorch.model_names():
+        yield name, lambda name=name: ndtorch.load(name, size=(48, 64))(frames)  # type: ignore[misc]
