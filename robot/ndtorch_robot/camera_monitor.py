@@ -88,7 +88,7 @@ class CameraMonitor:
         rendered: bool = False,
     ) -> None:
         self.rig, self.rate_hz, self.max_age_s, self.rendered = rig, rate_hz, max_age_s, rendered
-        self.limits, self.fields = limits or CameraLimits(), rig.subfields()
+        self.limits = limits or CameraLimits()
         self.frozen_frames = max(2, round(FROZEN_S * rate_hz))
         self.patience = max(2, round(self.limits.patience_s * rate_hz))
         self.time = -math.inf
@@ -119,7 +119,7 @@ class CameraMonitor:
                 if image.shape[-2:] != (self.rig.height, self.rig.width):
                     size = f"{image.shape[-1]}x{image.shape[-2]} frames, {self.rig.width}x{self.rig.height} are wanted"
                     return Fault(FaultKind.SHAPE, f"the {SIDES[k]} camera gives {size}")
-                image = cut_strips(image, self.fields[k], self.rig)
+                image = cut_strips(image, self.rig.subfields()[k], self.rig)
             pair.append(image)
         left, right = pair
         if left.row.shape != right.row.shape or left.row.dtype != right.row.dtype:
