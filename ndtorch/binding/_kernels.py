@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.utils.jit import jit
-from ndtorch.vision._kernels_row import Array
+from ndtorch.vision._kernels_frame import Array
 
 SQUARINGS = 14
 """Of a matrix at most: then its powers are of the 16384th."""

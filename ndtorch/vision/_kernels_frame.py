@@ -1,22 +1,14 @@
-"""Kernels of a frame: the ten sums of the whole field, and of many receptive fields, in one pass over the pixels."""
+"""Kernel of the ten sums: motion, color and thinned grey images of frames in one pass over the pixels."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ndtorch.utils.jit import jit
-from ndtorch.vision._kernels_row import (
-    Array,
-    add_to_two,
-    add_weighted,
-    color_planes,
-    correlate,
-    filter_row,
-    outside,
-    thin_columns,
-)
+
+Array = Any
 
 BAND = 4
 """Rows of pixels that all frames go through before the next ones: so many rows of the states stay in the cache."""
@@ -39,22 +31,6 @@ class PassConstants(NamedTuple):
     block: int
     margins: tuple[int, int]
     every: int
-
-
-class FieldTables(NamedTuple):
-    """Which pixels belong to which receptive fields.
-
-    Attributes:
-        columns: weights of pixels, and of what lies between them, in each column of fields, `[2, C, K]`.
-        starts: the first of those K pixels, `[2, C]`; they may go on at the other border.
-        places: the two rows of fields to which a row of pixels belongs, and what lies below it, `[2, H, 2]`.
-        shares: how much, `[2, H, 2]`.
-    """
-
-    columns: Array
-    starts: Array
-    places: Array
-    shares: Array
 
 
 @jit
@@ -182,190 +158,203 @@ def add_mirrored(row: Array, y: int, height: int, margin: int, block: int, rows:
 
 
 @jit
-def local_sums(
-    frame: Array,
-    beside: bool,
-    unit: float,
+def filter_row(
+    colors: tuple[Array, Array, Array],
+    third: float,
     settle: bool,
     slow: Array,
     delayed: Array,
-    constants: PassConstants,
+    shares: tuple[float, float],
     image: Array,
-    tables: FieldTables,
-    sums: Array,
-) -> int:
-    """Motion and color in every field of `LocalFeatures`.
+    high: Array,
+) -> tuple[float, float, float]:
+    """Grey and `motion_step` of one row in one loop: every number is read and written once.
+
+    Numbers that have died away become zero: as denormals they would make every later frame ten times slower.
 
     Args:
-        frame, beside, unit, settle, slow, delayed, constants, image: of `front_end`, for one frame.
-        sums: left, right, down, up, red, green, blue, `[7, R, C]`; they become those of this frame.
+        colors: red, green and blue.
+        third: scales their sum to grey in 0..1.
+        settle: the state before is that of filters settled on this row, whatever is given.
+        slow, delayed: states, which become those after it. None of these arrays may overlap another: loops would not
+            be made of vector instructions.
+        shares: of the high-pass and of the low-pass.
+        image, high: become grey and the high-passed row.
 
     Returns:
-        How many pixels of those looked at are not in 0..1.
+        Sums of the colors.
     """
-    a_high, a_low, wrap, block, margins, every = constants
-    columns, starts, places, shares = tables
-    height, width = slow.shape
-    kind = slow.dtype.type
-    third, filters = kind(unit / 3), (a_high, a_low)
-    grey, margin = np.empty(width, slow.dtype), margins[0]
-    # The first row is kept for where the torus closes; the others take turns.
-    highs = np.empty((4, width), slow.dtype)
-    rows, wrong = np.zeros((image.shape[0], width), slow.dtype), 0
-    pixels, colors = frame.reshape(-1), np.empty((2, 3, width if beside else 0), frame.dtype)
-    # Rows first: what belongs to a row of fields stays in the cache while it grows. Two rows at a time, for each is
-    # added to two rows of fields, which are read and written half as often so.
-    bands = np.zeros((7, sums.shape[1], width), slow.dtype)
-    for y in range(0, height, 2):
-        below, above = min(y + 1, height - 1), max(y - 1, 0)
-        one = color_planes(pixels, beside, y * width, (y + 1) * width, colors[0])
-        two = color_planes(pixels, beside, below * width, (below + 1) * width, colors[1])
-        for line in range(y, below + 1):
-            planes = one if line == y else two
-            filter_row(planes, third, settle, slow[line], delayed[line], filters, grey, highs[turn(line)])
-            if every and line % every == 0:
-                wrong += outside(planes, 0, width, unit)
-            add_mirrored(grey, line, height, margin, block, rows)
-        for part in range(2):
-            any_of, to, weights = split(places[0], shares[0], y, y + 1, height, part)
-            if any_of:
-                for c in range(3):
-                    add_two(one[c], two[c], weights, bands[4 + c], to)
-                both = (highs[turn(y)], highs[turn(below)], delayed[y], delayed[below])
-                add_across(both, weights, bands, to, wrap)
-            any_of, to, weights = split(places[1], shares[1], y - 1, y, height - 1, part)
-            if any_of:
-                three = (highs[turn(above)], highs[turn(y)], highs[turn(below)])
-                add_along(three, (delayed[above], delayed[y], delayed[below]), weights, bands, to)
-    if wrap:
-        end = height - 1
-        weights = (shares[1, end, 0], shares[1, end, 1], kind(0), kind(0))
-        three = (highs[turn(end)], highs[0], highs[0])
-        add_along(three, (delayed[end], delayed[0], delayed[0]), weights, bands, places[1, end])
-    for signal in range(7):
-        between = 1 if signal < 2 else 0
-        scale = unit if signal > 3 else 1.0
-        for row in range(sums.shape[1]):
-            for column in range(sums.shape[2]):
-                total = dot(bands[signal, row], columns[between, column], starts[between, column])
-                sums[signal, row, column] = scale * total
-    thin_columns(rows, margins[1], image)
+    kind = image.dtype.type
+    tiny, a_high, a_low = kind(1e-30), kind(shares[0]), kind(shares[1])
+    red, green, blue = colors
+    r, g, b = kind(0), kind(0), kind(0)
+    for x in range(image.shape[0]):
+        one, two, three = kind(red[x]), kind(green[x]), kind(blue[x])
+        r, g, b = r + one, g + two, b + three
+        grey = (one + two + three) * third
+        image[x] = grey
+        mean, last = (grey, kind(0)) if settle else (slow[x], delayed[x])
+        mean = mean + a_high * (grey - mean)
+        fast = grey - mean
+        last = last + a_low * (fast - last)
+        high[x] = fast
+        delayed[x] = last if abs(last) > tiny else kind(0)
+        slow[x] = mean if abs(mean) > tiny else kind(0)
+    return r, g, b
+
+
+@jit
+def split_colors(row: Array, red: Array, green: Array, blue: Array) -> None:
+    """Planes of pixels whose colors lie beside each other: one step of 3 that the compiler knows is vector loads."""
+    for x in range(row.shape[0] // 3):
+        k = np.uintp(3 * x)
+        red[x], green[x], blue[x] = row[k], row[k + np.uintp(1)], row[k + np.uintp(2)]
+
+
+@jit
+def color_planes(pixels: Array, beside: bool, begin: int, end: int, buffer: Array) -> tuple[Array, Array, Array]:
+    """Red, green and blue of some pixels of a frame, each without gaps.
+
+    Args:
+        pixels: all numbers of the frame, whose colors may lie `beside` each other.
+        buffer: used where they do, `[3, end - begin or more]`.
+    """
+    if beside:
+        count = end - begin
+        split_colors(pixels[3 * begin : 3 * end], buffer[0], buffer[1], buffer[2])
+        return buffer[0, :count], buffer[1, :count], buffer[2, :count]
+    plane = pixels.shape[0] // 3
+    green, blue = plane + begin, 2 * plane + begin
+    return pixels[begin:end], pixels[green : plane + end], pixels[blue : 2 * plane + end]
+
+
+@jit
+def outside(colors: tuple[Array, Array, Array], start: int, count: int, unit: float) -> int:
+    """How many numbers of a part of three planes are not in 0..1 once they are scaled by `unit`, with some slack, or
+    no numbers."""
+    low, high, wrong = -0.01 / unit, 1.01 / unit, 0
+    for plane in colors:
+        row = plane[start : start + count]
+        for x in range(count):
+            wrong += 0 if low <= row[x] <= high else 1
     return wrong
 
 
 @jit
-def turn(y: int) -> int:
-    """Where the high-passed row of this number is kept."""
-    return 1 + y % 3 if y else 0
-
-
-@jit
-def split(
-    places: Array, shares: Array, one: int, two: int, end: int, part: int
-) -> tuple[bool, Array, tuple[float, float, float, float]]:
-    """Two rows may belong to different rows of fields: then each is added by itself, in one of two parts.
-
-    Returns:
-        Whether there is anything to add, the two rows of fields, and how much of each row goes to each.
-    """
-    kind = shares.dtype.type
-    first, second = one >= 0, two < end
-    same = first and second and places[one, 0] == places[two, 0] and places[one, 1] == places[two, 1]
-    if part == 0:
-        second = second and same
-    else:
-        first, second = False, second and not same
-    a = b = c = d = kind(0)
-    to = places[max(one, 0)]
-    if first:
-        a, b = shares[one, 0], shares[one, 1]
-    if second:
-        c, d = shares[two, 0], shares[two, 1]
-        to = places[two]
-    return first or second, to, (a, b, c, d)
-
-
-@jit
-def add_two(one: Array, two: Array, weights: tuple[float, float, float, float], bands: Array, to: Array) -> None:
-    """Add two rows of a color to two of the bands `[R, W]`."""
-    kind = bands.dtype.type
-    a, b, c, d = weights
-    above, below = bands[to[0]], bands[to[1]]
-    for x in range(above.shape[0]):
-        first, second = kind(one[x]), kind(two[x])
-        above[x] += a * first + c * second
-        below[x] += b * first + d * second
-
-
-@jit
-def add_across(
-    rows: tuple[Array, Array, Array, Array],
-    weights: tuple[float, float, float, float],
-    bands: Array,
-    to: Array,
-    wrap: bool,
-) -> None:
-    """Add what neighbors in two rows make of each other: the positive part goes right, the negative part left.
+def correlate(high: Array, late: Array, high_before: Array, late_before: Array, total: tuple[Array, Array]) -> None:
+    """Sums and sums of magnitudes of `high late' - high' late`: with the left neighbour, and with the row before.
 
     Args:
-        rows: both as high-passed, and both as delayed.
+        high, late: rows `[R, W]`.
+        high_before, late_before: those before each.
+        total: the sums across and along are added to these, `[2]` each.
     """
-    h, i, late, later = rows
-    a, b, c, d = weights
-    none, width = h.dtype.type(0), h.shape[0]
-    right, right_below, left, left_below = bands[1, to[0]], bands[1, to[1]], bands[0, to[0]], bands[0, to[1]]
-    for x in range(width - 1):
-        one = h[x + 1] * late[x] - h[x] * late[x + 1]
-        two = i[x + 1] * later[x] - i[x] * later[x + 1]
-        first, second = max(one, none), max(two, none)
-        right[x] += a * first + c * second
-        right_below[x] += b * first + d * second
-        one, two = first - one, second - two
-        left[x] += a * one + c * two
-        left_below[x] += b * one + d * two
-    if wrap:
-        end = width - 1
-        one = h[0] * late[end] - h[end] * late[0]
-        two = i[0] * later[end] - i[end] * later[0]
-        first, second = max(one, none), max(two, none)
-        right[end] += a * first + c * second
-        right_below[end] += b * first + d * second
-        left[end] += a * (first - one) + c * (second - two)
-        left_below[end] += b * (first - one) + d * (second - two)
+    along_row, over_rows = total
+    for y in range(high.shape[0]):
+        left, right = (high[y, :-1], late[y, :-1]), (high[y, 1:], late[y, 1:])
+        across, across_size, along, along_size = correlate_row(left, right, (high_before[y, 1:], late_before[y, 1:]))
+        signed = high[y, 0] * late_before[y, 0] - high_before[y, 0] * late[y, 0]
+        along_row[0], along_row[1] = along_row[0] + across, along_row[1] + across_size
+        over_rows[0], over_rows[1] = over_rows[0] + along + signed, over_rows[1] + along_size + abs(signed)
 
 
 @jit
-def add_along(
-    high: tuple[Array, Array, Array],
-    delayed: tuple[Array, Array, Array],
-    weights: tuple[float, float, float, float],
-    bands: Array,
-    to: Array,
-) -> None:
-    """Add what three rows make of each other, pair by pair: the positive part goes down, the negative one up."""
-    h, i, j = high
-    late, later, latest = delayed
-    a, b, c, d = weights
-    none = h.dtype.type(0)
-    down, down_below, up, up_below = bands[2, to[0]], bands[2, to[1]], bands[3, to[0]], bands[3, to[1]]
-    for x in range(h.shape[0]):
-        one = i[x] * late[x] - h[x] * later[x]
-        two = j[x] * later[x] - i[x] * latest[x]
-        first, second = max(one, none), max(two, none)
-        down[x] += a * first + c * second
-        down_below[x] += b * first + d * second
-        one, two = first - one, second - two
-        up[x] += a * one + c * two
-        up_below[x] += b * one + d * two
+def correlate_row(
+    left: tuple[Array, Array], right: tuple[Array, Array], above: tuple[Array, Array]
+) -> tuple[float, float, float, float]:
+    """The sums of `correlate` of one row: neighbours are slices, whose indices need no check of their sign."""
+    (high_left, late_left), (high, late), (high_above, late_above) = left, right, above
+    kind = high.dtype.type
+    across, across_size, along, along_size = kind(0), kind(0), kind(0), kind(0)
+    for x in range(high.shape[0]):
+        signed = high[x] * late_left[x] - high_left[x] * late[x]
+        across, across_size = across + signed, across_size + abs(signed)
+        signed = high[x] * late_above[x] - high_above[x] * late[x]
+        along, along_size = along + signed, along_size + abs(signed)
+    return across, across_size, along, along_size
 
 
 @jit
-def dot(row: Array, weights: Array, start: int) -> float:
-    """Sum of products with a part of a row, which may go on at the other border."""
-    total = row.dtype.type(0)
-    upto = min(weights.shape[0], row.shape[0] - start)
-    for k in range(upto):
-        total += row[start + k] * weights[k]
-    for k in range(upto, weights.shape[0]):
-        total += row[k - upto] * weights[k]
-    return float(total)
+def add_weighted(row: Array, weight: float, total: Array) -> None:
+    """`total += weight row`."""
+    for x in range(row.shape[0]):
+        total[x] += weight * row[x]
+
+
+@jit
+def add_to_two(row: Array, weights: tuple[float, float], here: Array, there: Array) -> None:
+    """`add_weighted` to two others."""
+    one, two = weights
+    for x in range(row.shape[0]):
+        here[x] += one * row[x]
+        there[x] += two * row[x]
+
+
+@jit
+def thin_columns(rows: Array, margin: int, image: Array) -> None:
+    """`thin_rows` of the columns: halved around the middles of pairs, and again as often as it takes.
+
+    Args:
+        rows: `[R, W]`.
+        margin: mirrored columns at both sides.
+        image: becomes `[R, (W + 2 margin) / block]`, block a power of two.
+    """
+    height, width = rows.shape
+    length = width + 2 * margin
+    times = 0
+    while length >> times > image.shape[1]:
+        times += 1
+    # A closed line: before it stands its last number, and after it its first two.
+    line, halves = np.empty(length + 3, rows.dtype), np.empty((max(times - 1, 1), length // 2 + 1), rows.dtype)
+    for y in range(height):
+        copy_row(rows[y], line[1 + margin :])
+        for x in range(margin):
+            line[1 + x] = rows[y, margin - x]
+            line[1 + margin + width + x] = rows[y, width - 2 - x]
+        line[0], line[length + 1], line[length + 2] = line[length], line[1], line[2]
+        if times == 0:
+            for x in range(length):
+                image[y, x] = line[1 + x]
+        elif times == 1:
+            halve_pairs(line, 0, length // 2, image[y])
+        else:
+            # The middle of a block lies between its second quarter and its third: one pixel further on, at first.
+            halve_pairs(line, 1, length // 2, halves[0])
+            halves[0, length // 2] = halves[0, 0]
+            for level in range(1, times - 1):
+                halve_odd(halves[level - 1], length >> (level + 1), halves[level])
+            halve_even(halves[times - 2], length >> times, image[y])
+
+
+@jit
+def copy_row(row: Array, line: Array) -> None:
+    """Copy a row to where a line begins: a view of it, since with numbers of places added up it is no vector loop."""
+    for x in range(row.shape[0]):
+        line[x] = row[x]
+
+
+@jit
+def halve_pairs(line: Array, first: int, length: int, half: Array) -> None:
+    """Half of the numbers of a line from `first` on: weights 1/4, 3/4, 3/4, 1/4 around the middles of pairs."""
+    quarter, most = half.dtype.type(0.25), half.dtype.type(0.75)
+    for c in range(length):
+        x = 2 * c + first
+        half[c] = quarter * (line[x] + line[x + 3]) + most * (line[x + 1] + line[x + 2])
+
+
+@jit
+def halve_odd(line: Array, length: int, half: Array) -> None:
+    """Every second number of a closed line from the second on, smoothed with weights 1/2, 1, 1/2 beforehand."""
+    share = half.dtype.type(0.5)
+    for c in range(length):
+        half[c] = line[2 * c + 1] + share * (line[2 * c] + line[2 * c + 2])
+    half[length] = half[0]
+
+
+@jit
+def halve_even(line: Array, length: int, half: Array) -> None:
+    """The same from the first number on."""
+    share = half.dtype.type(0.5)
+    half[0] = line[0] + share * (line[2 * length - 1] + line[1])
+    for c in range(1, length):
+        half[c] = line[2 * c] + share * (line[2 * c - 1] + line[2 * c + 1])

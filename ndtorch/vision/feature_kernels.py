@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.utils.backend import Backend, kernels_wanted
-from ndtorch.vision._kernels_frame import FieldTables, PassConstants, front_end, local_sums
+from ndtorch.vision._kernels_frame import PassConstants, front_end
 from ndtorch.vision.decimation import Thinning
 from ndtorch.vision.frames import check_range, rows_apart
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
@@ -24,11 +24,6 @@ def one_pass_fits(frames: Tensor, state: MotionState | None, backend: Backend, *
     if not kernels_wanted(frames, *(state or ()), *learned, backend=backend):
         return False
     return state is None or all(s.shape == frames.shape[-2:] and s.dtype == image_kind(frames) for s in state)
-
-
-def float_type(frames: Tensor) -> Any:
-    """`image_kind` as NumPy calls it."""
-    return np.float64 if frames.dtype == torch.float64 else np.float32
 
 
 def image_kind(frames: Tensor) -> torch.dtype:
@@ -64,65 +59,26 @@ def pass_over(
     Raises:
         InputError: as `check_range`.
     """
-    images = np.empty((len(frames), *thinning.size), float_type(frames))
-    by_kernel(front_end, frames, state, motion, thinning, into, images, sums)
-    if sums[:, -1].any():
-        check_range(frames)
-    return torch.from_numpy(images)
-
-
-def field_pass(
-    frames: Tensor,
-    state: MotionState | None,
-    motion: HassensteinReichardt,
-    thinning: Thinning,
-    into: MotionState,
-    tables: FieldTables,
-    sums: Any,
-) -> Tensor:
-    """Images as of `pass_over`, and motion and color of every field into `sums` `[T, 7, R, C]`."""
-    images, wrong = np.empty((len(frames), *thinning.size), float_type(frames)), 0
-    for frame, image, here in zip(frames.unbind(0), images, sums, strict=True):
-        wrong += by_kernel(local_sums, frame, state, motion, thinning, into, image, tables, here)
-        state = into
-    if wrong:
-        check_range(frames)
-    return torch.from_numpy(images)
-
-
-def by_kernel(
-    kernel: Any,
-    frames: Tensor,
-    state: MotionState | None,
-    motion: HassensteinReichardt,
-    thinning: Thinning,
-    into: MotionState,
-    *rest: Any,
-) -> Any:
-    """What a kernel returns."""
-    given, beside = pixels(frames)
-    floats = frames.dtype != torch.uint8
+    kind = np.float64 if frames.dtype == torch.float64 else np.float32
+    images = np.empty((len(frames), *thinning.size), kind)
     if state is not None and state is not into:
         for part, before in zip(into, state, strict=True):
             part.copy_(before)
     slow, delayed = (part.numpy() for part in into)
-    return kernel(
-        given,
-        beside,
-        1.0 if floats else 1 / 255,
-        state is None,
-        slow,
-        delayed,
-        PassConstants(
-            float(motion.a_high),
-            float(motion.a_low),
-            motion.border == "wrap",
-            thinning.blocks[0],
-            thinning.margins,
-            rows_apart(frames) if floats else 0,
-        ),
-        *rest,
+    floats = frames.dtype != torch.uint8
+    constants = PassConstants(
+        float(motion.a_high),
+        float(motion.a_low),
+        motion.border == "wrap",
+        thinning.blocks[0],
+        thinning.margins,
+        rows_apart(frames) if floats else 0,
     )
+    unit = 1.0 if floats else 1 / 255
+    front_end(*pixels(frames), unit, state is None, slow, delayed, constants, images, sums)
+    if sums[:, -1].any():
+        check_range(frames)
+    return torch.from_numpy(images)
 
 
 def together(thinning: Thinning, kind: torch.dtype) -> int:

@@ -2,33 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.vision._kernels_orientation import pair_fields as pair_fields_kernel
-from ndtorch.vision._kernels_orientation import pair_spectrum, pair_sums
+from ndtorch.utils.jit import jit
 
 FAINT = 1e-12
 """Share of the largest value of a filter below which it is zero: the numbers at its far ends are so small that a
 processor takes a hundred times as long for some of them, and nothing of them is left in a sum."""
-
-
-class PairFields(NamedTuple):
-    """Weights with which magnitudes on both grids are summed over R' x C' fields.
-
-    Attributes:
-        places: the two rows of fields to which a row of each grid belongs, `[2, R, 2]`.
-        shares: how much, `[2, R, 2]`.
-        columns: weights in each column of fields, `[2, C', 2 C]`: the points of the two grids in turn, and zero for
-            those of the other grid.
-    """
-
-    places: Tensor
-    shares: Tensor
-    columns: Tensor
 
 
 def pair_up(spectra: Tensor, points: int) -> Tensor:
@@ -45,15 +29,6 @@ def pair_up(spectra: Tensor, points: int) -> Tensor:
     size = both.abs()
     kept: Tensor = both.where(size >= FAINT * size.amax((-2, -1), keepdim=True), 0)
     return kept
-
-
-def pair_fields(rows: Tensor, columns: Tensor) -> PairFields:
-    """From weights `[2, R', R]` and `[2, C', C]` of the points of both grids, of which at most two rows are not zero
-    at a point."""
-    shares, places = rows.mT.topk(2, -1)
-    line = columns.new_zeros(2, columns.shape[-2], columns.shape[-1], 2)
-    line[0, ..., 0], line[1, ..., 1] = columns[0], columns[1]
-    return PairFields(places.contiguous(), shares.contiguous(), line.flatten(-2))
 
 
 def responses(columns: Tensor, filters: Tensor) -> Tensor:
@@ -86,11 +61,53 @@ def weighted_sums(found: Tensor, weights: Tensor) -> Tensor:
     return torch.from_numpy(sums)
 
 
-def field_sums(found: Tensor, fields: PairFields) -> Tensor:
-    """Sums over both grids of the magnitudes of `responses` in every field, `[T, F, R', C']`."""
-    values = found.flatten(-2).numpy()
-    shares, columns = (weights.to(found.dtype).numpy() for weights in fields[1:])
-    sums = np.empty((*values.shape[:2], int(fields.places.max()) + 1, columns.shape[1]), values.dtype)
-    for one, into in zip(values, sums, strict=True):
-        pair_fields_kernel(one, fields.places.numpy(), shares, columns, into)
-    return torch.from_numpy(sums)
+@jit
+def pair_spectrum(columns: Any, filters: Any, out: Any) -> None:
+    """Cut the low rows out of half spectra and multiply them, and their mirror images, with every filter.
+
+    Args:
+        columns: spectra of real images, real and imaginary parts last, `[T, N, C / 2 + 1, 2]`.
+        filters: real and imaginary parts, `[2, F, R, C]`, of the first grid plus i times that of the second.
+        out: conjugates of the products, `[T, F, R, C, 2]`: the real part of a transform of them are the responses on
+            the first grid, the imaginary part those on the second, with the other sign.
+    """
+    _, count, rows, full = filters.shape
+    times, length, half, _ = columns.shape
+    above = rows - (rows - 1) // 2
+    real, imaginary = np.empty(full, columns.dtype), np.empty(full, columns.dtype)
+    for t in range(times):
+        for r in range(rows):
+            place = r if r < above else length - rows + r
+            back = rows - r if r else 0
+            mirrored = back if back < above else length - rows + back
+            here, there = columns[t, place], columns[t, mirrored]
+            for c in range(half):
+                real[c], imaginary[c] = here[c, 0], here[c, 1]
+            for c in range(half, full):
+                real[c], imaginary[c] = there[full - c, 0], -there[full - c, 1]
+            for f in range(count):
+                one, other, to = filters[0, f, r], filters[1, f, r], out[t, f, r]
+                for c in range(full):
+                    to[c, 0] = real[c] * one[c] - imaginary[c] * other[c]
+                    to[c, 1] = -(real[c] * other[c] + imaginary[c] * one[c])
+
+
+@jit
+def pair_sums(responses: Any, weights: Any, sums: Any) -> None:
+    """For every image and filter, magnitudes of both grids times the weights of their places, added up.
+
+    Args:
+        responses: `[T, F, R, 2 C]`, real and imaginary parts in turn.
+        weights: `[R, 2 C]`, of both grids in turn.
+        sums: `[T, F]`.
+    """
+    times, count, height, width = responses.shape
+    for t in range(times):
+        for f in range(count):
+            total = 0.0
+            for r in range(height):
+                line, shares, part = responses[t, f, r], weights[r], responses.dtype.type(0)
+                for c in range(width):
+                    part += abs(line[c]) * shares[c]
+                total += part
+            sums[t, f] = total

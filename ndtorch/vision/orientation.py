@@ -10,8 +10,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_size, is_finite
 from ndtorch.errors import InputError
-from ndtorch.utils.backend import Backend, kernels_wanted
-from ndtorch.vision._kernels_orientation import mirrored
+from ndtorch.utils.backend import Backend
 from ndtorch.vision.decimation import (
     Thinning,
     halvings,
@@ -24,7 +23,7 @@ from ndtorch.vision.decimation import (
     thin_rows,
     thinning_gain,
 )
-from ndtorch.vision.fft_pairs import PairFields, field_sums, halves, pair_up, pair_weights, responses, weighted_sums
+from ndtorch.vision.fft_pairs import halves, pair_up, pair_weights, responses, weighted_sums
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
 
@@ -291,10 +290,6 @@ class OrientedDoG(nn.Module):
             return self.images(images).abs().sum((-1, -2))
         return weighted_sums(self._responses(images), self.pair_weights)
 
-    def fields_of_thinned(self, images: Tensor, fields: PairFields) -> Tensor:
-        """Sums over fields `[T, 3, R, C]` by kernels of such images."""
-        return field_sums(self._responses(images), fields)
-
     def _responses(self, images: Tensor) -> Tensor:
         # At once in both directions: only so is the transform of an image the same to the bit in any batch.
         spectrum = torch.fft.rfft2(images)[..., : self.grid[1] // 2 + 1]
@@ -320,11 +315,6 @@ class OrientedDoG(nn.Module):
         if self.border == "wrap":
             return image
         top, left = self.margin
-        if image.numel() and kernels_wanted(image, backend=self.backend):
-            padded = image.new_empty(*image.shape[:-2], *self.padded)
-            flat = image.reshape(-1, *image.shape[-2:]).contiguous()
-            mirrored(flat.numpy(), top, left, padded.view(-1, *self.padded).numpy())
-            return padded
         flat = image.reshape(-1, 1, *image.shape[-2:])
         padded = F.pad(flat, (left, left, top, top), mode="reflect")
         return padded.reshape(*image.shape[:-2], *self.padded)

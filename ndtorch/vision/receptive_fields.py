@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_state, check_tensor, has_values
 from ndtorch.errors import InputError
-from ndtorch.vision._kernels_frame import FieldTables
-from ndtorch.vision.feature_kernels import field_pass, fresh, one_pass_fits, together
 from ndtorch.vision.features import VisualFeatures
-from ndtorch.vision.fft_pairs import PairFields, pair_fields
 from ndtorch.vision.frames import as_float, check_frames, check_values, grey
-from ndtorch.vision.motion import MotionState, correlate
-
-Shape = Literal["cosine", "tent"]
-Edge = Literal["wrap", "reflect", "open"]
-SHAPES: tuple[Shape, ...] = ("cosine", "tent")
-EDGES: tuple[Edge, ...] = ("wrap", "reflect", "open")
+from ndtorch.vision.motion import Border, MotionState, check_border, correlate
 
 
-def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wrap", shape: Shape = "cosine") -> Tensor:
+def field_weights(points: Tensor, length: float, fields: int, border: Border = "wrap") -> Tensor:
     """How much each point of a line belongs to each of `fields` overlapping fields, `[fields, points]`.
 
     Fields are two spacings wide and centered on `(f + 1/2) length / fields`, so that a small object that moves along
@@ -35,21 +26,16 @@ def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wr
         length: of the line, in the same unit.
         fields: how many.
         border: "wrap" for a line that is closed, "reflect" where the first and the last field keep what lies beyond
-            their centers, "open" where they fall off there too.
-        shape: raised "cosine", or a "tent" that falls off linearly.
+            their centers.
 
     Raises:
-        InputError: another shape or border, no field, more fields than pixels, or points other than finite numbers
-            `[points]`.
+        InputError: another border, no field, more fields than pixels, or points other than finite numbers `[points]`.
 
     >>> weights = field_weights(torch.arange(100.0), 100.0, 5)
     >>> weights.shape, bool((weights.sum(0) - weights.sum(0).mean()).abs().max() < 1e-5)
     (torch.Size([5, 100]), True)
     """
-    if shape not in SHAPES:
-        raise InputError(f"shape must be one of {', '.join(SHAPES)}, got {shape!r}")
-    if border not in EDGES:
-        raise InputError(f"border must be one of {', '.join(EDGES)}, got {border!r}")
+    check_border(border)
     if not 1 <= fields <= length:
         raise InputError(f"fields must be between 1 and the {length} pixels of a side, got {fields}")
     check_tensor("points", points)
@@ -62,23 +48,10 @@ def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wr
     offset = (points - centers[:, None]) / spacing
     if border == "wrap":
         offset = (offset + fields / 2) % fields - fields / 2
-    elif border == "reflect":
+    else:
         offset[0].clamp_(min=0)
         offset[-1].clamp_(max=0)
-    away = offset.abs()
-    if shape == "tent":
-        return (1 - away).clamp_min(0)
-    return torch.where(away < 1, 0.5 + 0.5 * torch.cos(math.pi * offset), 0.0)
-
-
-def means(weights: Tensor) -> Tensor:
-    """Weights of fields `[fields, points]` that sum to 1 in every field."""
-    return weights / weights.sum(1, keepdim=True)
-
-
-def pool(images: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """Over fields, `[..., H, W]` -> `[..., R, C]`, with weights `[R, H]` and `[C, W]`: sums, or of `means` means."""
-    return rows @ images @ columns.mT
+    return torch.where(offset.abs() < 1, 0.5 + 0.5 * torch.cos(math.pi * offset), 0.0)
 
 
 class LocalFeatures(nn.Module):
@@ -121,7 +94,6 @@ class LocalFeatures(nn.Module):
         self.spacing = min(height, width) / fields
         self.grid = (round(height / self.spacing), round(width / self.spacing))
         self.border = features.motion.border
-        self._made: dict[torch.dtype, tuple[tuple[Tensor, ...], PairFields]] = {}
         for name, length, count in zip(("rows", "columns"), features.size, self.grid, strict=True):
             # A pixel lies at n + 1/2, and what two neighbours make of a motion between them.
             self.register_buffer(name, field_weights(torch.arange(length) + 0.5, length, count, self.border))
@@ -146,10 +118,6 @@ class LocalFeatures(nn.Module):
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
         frames = check_frames(frames, self.features.size, values=False, device=self.features.orientation.device)
-        if self.features.orientation.paired and one_pass_fits(
-            frames, state, self.features.backend, *self.features.parameters()
-        ):
-            return self._together(*self._one_pass(frames, state))
         check_values(frames)
         signals = []
         for frame in frames.unbind(-4):
@@ -159,42 +127,10 @@ class LocalFeatures(nn.Module):
             motion = self._motion(high.squeeze(-3), delayed.squeeze(-3))
             signals.append(torch.cat([motion, self._orientation(image), self._pool(frame)], -3))
         assert state is not None
-        return self._together(torch.stack(signals, -4), state)
-
-    def _together(self, signals: Tensor, state: MotionState) -> tuple[Tensor, MotionState]:
-        """Signals `[..., T, 10, R, C']` as they are given, if all are numbers."""
-        out = signals.movedim(-3, -1)
+        out = torch.stack(signals, -4).movedim(-3, -1)
         if has_values(out) and not torch.isfinite(out).all():
             raise InputError("frames must be finite, got NaN or infinite values")
         return out, state
-
-    def _one_pass(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
-        """Frames `[T, 3, H, W]` by kernels."""
-        orientation = self.features.orientation
-        into, out = fresh(frames), []
-        tables, fields = self._tables(into.slow.dtype)
-        arrays, count = (
-            FieldTables(*(table.numpy() for table in tables)),
-            together(orientation.thinning, into.slow.dtype),
-        )
-        for some in torch.split(frames, count):
-            sums = torch.empty(len(some), 7, *self.grid, dtype=torch.float64)
-            images = field_pass(some, state, self.features.motion, orientation.thinning, into, arrays, sums.numpy())
-            pooled = orientation.fields_of_thinned(images, fields)
-            out.append(torch.cat([sums[:, :4].to(pooled), pooled, sums[:, 4:].to(pooled)], 1))
-            state = into
-        return torch.cat(out), into
-
-    def _tables(self, kind: torch.dtype) -> tuple[tuple[Tensor, ...], PairFields]:
-        """Weights of fields as kernels take them: `columns`, `starts`, `places`, `shares`; those of orientation."""
-        if kind not in self._made:
-            rows = torch.stack([self.rows, self.rows_between]).to(kind)
-            places = rows.topk(2, 1).indices.sort(1).values
-            shares = rows.gather(1, places)
-            columns, starts = narrowed(torch.stack([self.columns, self.columns_between]).to(kind))
-            tables = (columns, starts, places.mT.contiguous(), shares.mT.contiguous())
-            self._made[kind] = (tables, pair_fields(self.dog_rows.to(kind), self.dog_columns.to(kind)))
-        return self._made[kind]
 
     def _pool(self, images: Tensor, between: int = 0) -> Tensor:
         """Sums over every field, `[..., H, W]` -> `[..., R, C']`, of pixels or of what lies between two of them."""
@@ -223,21 +159,3 @@ class LocalFeatures(nn.Module):
         size = self.features.orientation.magnitudes(image)  # [..., grids, 3, h, w]
         rows, columns = self.dog_rows.to(size.dtype), self.dog_columns.to(size.dtype)
         return (rows.unsqueeze(1) @ size @ columns.unsqueeze(1).mT).sum(-4)
-
-
-def narrowed(weights: Tensor) -> tuple[Tensor, Tensor]:
-    """Of weights `[..., W]` those that are not zero, `[..., K]`, and where on their line they begin, `[...]`.
-
-    They follow each other around the line: K is as many as the widest has, from its first one to its last.
-    """
-    there, length = weights > 0, weights.shape[-1]
-    # The gap that ends at each point, looking back around the line; the weights begin after the longest.
-    gap = torch.zeros_like(there[..., 0], dtype=torch.int64)
-    gaps = []
-    for point in [*range(length), *range(length)]:
-        gaps.append(gap)
-        gap = torch.where(there[..., point], 0, gap + 1)
-    starts = torch.stack(gaps[length:], -1).where(there, -1).argmax(-1)
-    turned = weights.gather(-1, (starts.unsqueeze(-1) + torch.arange(length)) % length)
-    count = length - (turned.flip(-1) > 0).to(torch.uint8).argmax(-1)
-    return turned[..., : int(count.max())].contiguous(), starts

@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 from ndtorch.scenes import Bar, BarScene
-from ndtorch.utils.backend import set_backend
 from ndtorch.vision import (
     HighPass,
     LocalFeatures,
@@ -26,7 +25,6 @@ from ndtorch.vision import (
 )
 from ndtorch.vision.blocks import BlockLowPass, low_pass
 from ndtorch.vision.motion import Border
-from ndtorch.vision.receptive_fields import Edge, Shape, means
 from ndtorch.vision.temporal import corrected, predicted
 from tests.strategies import chunkings, in_chunks, noise
 
@@ -159,42 +157,9 @@ def test_every_field_agrees_with_the_feature_images() -> None:
 
 
 @pytest.mark.parametrize("border", ["wrap", "reflect"])
-@pytest.mark.parametrize(
-    "kind",
-    [
-        torch.uint8,
-        pytest.param(torch.float32, marks=pytest.mark.long),
-        pytest.param(torch.float64, marks=pytest.mark.long),
-    ],
-)
-def test_kernels_give_what_torch_gives(kind: torch.dtype, border: Border) -> None:
-    local = LocalFeatures(VisualFeatures((400, 40), border=border), 5)
-    frames = torch.randint(0, 256, (4, 3, 400, 40), dtype=torch.uint8)
-    frames = frames if kind == torch.uint8 else frames.to(kind) / 255
-    set_backend(local, "torch")
-    wanted, end = local(frames)
-    set_backend(local, "numba")
-    beside = frames[:1].permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2)
-    first, state = local(beside)
-    rest, last = local(frames[1:], state)
-    found = torch.cat([first, rest])
-    assert found.dtype == wanted.dtype
-    scale = wanted.flatten(0, 2).amax(0)
-    error = ((found - wanted).abs() / scale).amax()
-    assert float(error) < (1e-6 if kind == torch.float64 else 2e-5)
-    for part, other in zip(last, end, strict=True):
-        torch.testing.assert_close(part, other, rtol=0, atol=1e-6)
-
-
-def tents(length: int, fields: int) -> torch.Tensor:
-    return means(field_weights(torch.arange(length) + 0.5, length, fields, "open", "tent"))
-
-
-@pytest.mark.parametrize("shape", ["cosine", "tent"])
-@pytest.mark.parametrize("border", ["wrap", "reflect"])
 @pytest.mark.parametrize(("length", "fields"), [(500, 16), (120, 7), (33, 5), (40, 1)])
-def test_windows_add_up_to_one_everywhere(shape: Shape, border: Edge, length: int, fields: int) -> None:
-    weights = field_weights(torch.arange(length, dtype=torch.float64) + 0.5, length, fields, border, shape)
+def test_windows_add_up_to_one_everywhere(border: Border, length: int, fields: int) -> None:
+    weights = field_weights(torch.arange(length, dtype=torch.float64) + 0.5, length, fields, border)
     assert weights.shape == (fields, length)
     assert float((weights.sum(0) - 1).abs().max()) < 1e-12
     assert float(weights.min()) >= 0
@@ -204,18 +169,3 @@ def test_a_window_is_a_raised_cosine() -> None:
     weights = field_weights(torch.tensor([15.0, 20.0, 22.5, 25.0, 35.0]), 100, 10)
     half = 0.5 + 0.5 * math.cos(math.pi * 0.75)
     assert weights[1].tolist() == pytest.approx([1.0, 0.5, half, 0.0, 0.0], abs=1e-6)
-
-
-def test_a_window_is_a_tent() -> None:
-    weights = field_weights(torch.tensor([1.0, 5.0, 20.0, 22.5, 25.0]), 100, 10, "open", "tent")
-    assert weights[0].tolist() == pytest.approx([0.6, 1.0, 0.0, 0.0, 0.0], abs=1e-6)
-    assert weights[1].tolist() == pytest.approx([0.0, 0.0, 0.5, 0.25, 0.0], abs=1e-6)
-
-
-def test_fields_are_means_and_overlap_by_half() -> None:
-    weights = tents(12, 3)
-    assert torch.allclose(weights.sum(1), torch.ones(3))
-    # Where the first falls off, the second rises: both see the pixels between their centers.
-    assert ((weights[0] > 0) & (weights[1] > 0)).sum() == 4
-    assert weights[1].argmax() in (5, 6)
-    assert torch.equal(tents(5, 1), torch.full((1, 5), 0.2))
