@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from ndtorch.navigation import Body, StereoRig
 from ndtorch.navigation.options import OPTION_NAMES
 from ndtorch.utils.toml import check, toml_values
-from ndtorch_robot.navigator_table import NavigatorTable
-from ndtorch_robot.run_config import RobotTable, read_run_config
+from ndtorch_robot.run_config import NavigatorTable, RobotTable, read_run_config
 from ndtorch_robot.safety import SafetyLimits
 from ndtorch_robot.sim.disturbances import read_disturbances
 
@@ -25,22 +24,34 @@ LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
 class DriveConfig(NavigatorTable):
     """The file of a simulated drive: these keys beside the options of `NavigatorOptions`."""
 
-    robot: RobotTable | None = Field(
-        None, description="This robot drives, the file of one for `ndtorch run`; the car of [A] by default."
-    )
-    arena: str = Field("hallway", description="The car drives in this arena, a name or a .toml file.")
-    seed: int = Field(0, ge=0, lt=2**31, description="Building, textures and start follow from this number.")
-    seconds: float = Field(60.0, gt=0, le=86400, description="The drive takes this simulated time, in s.")
-    odometry: Literal["true", "noisy"] = Field("true", description="Dead reckoning is exact (true), or drifts (noisy).")
-    walls: Literal["textured", "blank"] = Field("textured", description="Walls are textured or blank.")
-    pedestrian: bool = Field(False, description="A box of the size of a person walks to and fro.")
-    disturbance: str = Field("", description="These disturbances, names or key=number, act on cameras and car.")
-    full_frames: bool = Field(False, description="Full frames are rendered instead of the strips that are read.")
-    rrd: Path | None = Field(None, description="The drive is also recorded into this file for the rerun viewer.")
-    view: bool = Field(False, description="The rerun viewer shows the drive as it goes.")
-    view_at: str | None = Field(None, description="The drive is served to viewers at this ADDRESS or ADDRESS:PORT.")
-    out: Path = Field(Path("out/drive"), description="Results are written into this folder.")
-    record: Path | None = Field(None, description="The drive is recorded into this new file, NAME.mcap.")
+    robot: RobotTable | None = None
+    """Robot that drives, the file of one for `ndtorch run`; the car of [A] by default."""
+    arena: str = "hallway"
+    """Arena to drive in, a name or a .toml file."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    """Number from which building, textures and start follow."""
+    seconds: Annotated[float, Field(gt=0, le=86400)] = 60.0
+    """Simulated time of the drive, in s."""
+    odometry: Literal["true", "noisy"] = "true"
+    """Dead reckoning: exact (true), or with drift (noisy)."""
+    walls: Literal["textured", "blank"] = "textured"
+    """Walls: textured or blank."""
+    pedestrian: bool = False
+    """A box of the size of a person walks to and fro."""
+    disturbance: str = ""
+    """Disturbances of cameras and car, names or key=number."""
+    full_frames: bool = False
+    """Full frames are rendered instead of the strips that are read."""
+    rrd: Path | None = None
+    """File for the rerun viewer."""
+    view: bool = False
+    """The rerun viewer shows the drive as it goes."""
+    view_at: str | None = None
+    """Address at which the drive is served to viewers, ADDRESS or ADDRESS:PORT."""
+    out: Path = Path("out/drive")
+    """Folder for the results."""
+    record: Path | None = None
+    """New file for a recording, NAME.mcap."""
 
     @field_validator("disturbance")
     @classmethod
@@ -72,12 +83,12 @@ def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:
     values: dict[str, object] = {}
     if file is not None:
         values = toml_values(file)
-        check(robot_of(values), DriveConfig, str(file))
+        check(with_robot(values), DriveConfig, str(file))
     values |= {key: value for key, value in choices.items() if value is not None}
-    return check(robot_of(values), DriveConfig, "drive")
+    return check(with_robot(values), DriveConfig, "drive")
 
 
-def robot_of(values: dict[str, object]) -> dict[str, object]:
+def with_robot(values: dict[str, object]) -> dict[str, object]:
     """The same values with the robot of the file that they name, and what that file says of navigation below them."""
     file = values.get("robot")
     if not isinstance(file, str | Path):
@@ -88,6 +99,6 @@ def robot_of(values: dict[str, object]) -> dict[str, object]:
 
 def read_robot(file: Path) -> tuple[RobotTable, dict[str, object]]:
     """The robot of a file, or of one in `robot/configs`, and the options of the navigator that the file sets."""
-    found = read_run_config(file)
-    options = found.navigation.model_dump(include=set(OPTION_NAMES), exclude_unset=True)
-    return RobotTable(**found.model_dump(include=set(RobotTable.model_fields))), options
+    config = read_run_config(file)
+    options = config.navigation.model_dump(include=set(OPTION_NAMES), exclude_unset=True)
+    return RobotTable(**config.model_dump(include=set(RobotTable.model_fields))), options

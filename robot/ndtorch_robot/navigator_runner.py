@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -10,8 +11,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Body, Command, Grid, Navigator, NavigatorState, Pose, StereoRig
-from ndtorch.navigation.options import NavigatorOptions
-from ndtorch_robot.navigator_table import configuration
+from ndtorch.navigation.options import NavigatorOptions, options_of
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
 
 USUAL = Body()
@@ -62,10 +62,11 @@ class NavigatorRunner:
 
     def configuration(self) -> dict[str, Any]:
         """For a recording: everything from which the same runner can be made again."""
-        grid = self.grid
+        grid, asdict = self.grid, dataclasses.asdict
         sides = None if grid is None else (grid.left, grid.right, grid.bottom, grid.top, grid.cell)
-        about = configuration(self.options, self.rig, self.rate, self.body)
-        return about | {"map_m": sides, "near_check": self.near_check}
+        options = asdict(options_of(asdict(self.options)))
+        about = {"rig": asdict(self.rig), "body": asdict(self.body), "rate_hz": self.rate}
+        return about | options | {"map_m": sides, "near_check": self.near_check}
 
     def drive_to(self, x: float, y: float) -> None:
         """Send the car to a place, m, from the next step on; from any thread."""
@@ -85,8 +86,12 @@ class NavigatorRunner:
     def command(
         self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, anew: bool = False
     ) -> DriveCommand:
-        """The command of the navigator as soon as it is known: `complete` has to follow; `driven`: motion since the
-        step before, `placed`: where a person has put the car since then, `anew`: it was stopped, or saw nothing.
+        """The command of the navigator as soon as it is known; `complete` has to follow.
+
+        Args:
+            driven: motion since the step before.
+            placed: where a person has put the car since then.
+            anew: the car was stopped, or saw nothing.
         """
         if not math.isfinite(frames.time):
             raise InputError(f"the time of the frames must be finite, got {frames.time}")
@@ -103,7 +108,18 @@ class NavigatorRunner:
             if placed is not None:
                 at = Pose(*map(float, placed))
             command, rest = self.navigator.command_first(frames.left, frames.right, start=at)
-            self.rest = lambda: self.carried_over(before, rest(), placed)
+
+            def with_map() -> NavigatorState:
+                """The state after a restart, with the map of before and its localiser, at the new place."""
+                state, localiser = rest(), self.navigator.localiser
+                if before is None:
+                    return state
+                located = None if localiser is None else before.located
+                if located is not None and localiser is not None and placed is not None:
+                    located = localiser.reset_pose(located, state.pose)
+                return state._replace(map=before.map, located=located)
+
+            self.rest = with_map
         else:
             if anew:
                 before = before._replace(fields=None, rows=None)
@@ -127,15 +143,6 @@ class NavigatorRunner:
     def trouble(self) -> str | None:
         """Why the controller stops or drives slowly, in words; None where it has no reason to."""
         return None if self.state is None else self.navigator.controller.status_message(self.state.control)
-
-    def carried_over(self, before: NavigatorState | None, state: NavigatorState, placed: Placed) -> NavigatorState:
-        """The state after a restart, with the map of before and its localiser, at the new place."""
-        if before is None:
-            return state
-        located, localiser = before.located, self.navigator.localiser
-        if located is not None and localiser is not None and placed is not None:
-            located = localiser.reset_pose(located, state.pose)
-        return state._replace(map=before.map, located=None if localiser is None else located)
 
     def map_cells(self) -> torch.Tensor:
         """The map as far as is known now, `[rows, columns]`, its largest cell 1."""

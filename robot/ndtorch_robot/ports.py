@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, Self
@@ -15,6 +16,11 @@ Placed = tuple[float, float, float] | None
 
 Report = Callable[[str], None]
 """Called with one line for each event."""
+
+
+def print_note(line: str) -> None:
+    """Tell the user, beside the results."""
+    logging.getLogger(__name__).info(line)
 
 
 class DriveCommand(NamedTuple):

@@ -5,114 +5,109 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from ndtorch.navigation import Body, StereoRig
+from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions, check_option, options_of
 from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import Strict, read_toml
 from ndtorch_robot.bridges import BRIDGES
 from ndtorch_robot.camera_monitor import CameraLimits
 from ndtorch_robot.link import HOSTED_BOARD, SERIAL, check_link
-from ndtorch_robot.navigator_table import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
 
-USUAL = Body()
+Positive = Annotated[float, Field(gt=0)]
+Pixels = Annotated[int, Field(ge=16, le=8192)]
+Settings = Mapping[str, str | int | float | bool]
 
 
-class BodyTable(Strict):
+class Table(Strict):
+    """A table whose keys are described by the docstrings below them."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+
+class BodyTable(Table):
     """`[body]`: from it all lengths and speeds follow; see `ndtorch.navigation.Body`."""
 
-    length_m: float = Field(USUAL.length_m, gt=0, description="The body has this length, in m.")
-    width_m: float = Field(USUAL.width_m, gt=0, description="The body has this width, in m.")
-    min_turn_radius_m: float = Field(
-        USUAL.min_turn_radius_m,
-        ge=0,
-        description="The robot turns no more tightly than this, in m; 0 is a differential drive.",
-    )
-    max_speed_m_per_s: float = Field(
-        USUAL.max_speed_m_per_s, gt=0, description="The robot drives no faster than this, in m/s."
-    )
-    max_acceleration_m_per_s2: float = Field(
-        USUAL.max_acceleration_m_per_s2, gt=0, description="The speed changes no faster than this, in m/s^2."
-    )
-    reaction_s: float = Field(
-        USUAL.reaction_s, ge=0, le=1, description="The robot obeys this time after a command, in s."
-    )
-    camera_height_m: float = Field(0.20, gt=0, description="The cameras are this high above the floor, in m.")
-    camera_forward_m: float = Field(
-        0.15, description="The cameras are this far in front of the point the robot turns about, in m."
-    )
-    camera_pitch_deg: float = Field(0.0, ge=-45, le=45, description="The cameras look down by this angle, in degrees.")
+    length_m: Positive = Body.length_m
+    """Length of the body, in m."""
+    width_m: Positive = Body.width_m
+    """Width of the body, in m."""
+    min_turn_radius_m: Annotated[float, Field(ge=0)] = Body.min_turn_radius_m
+    """Tightest turn, in m; 0 is a differential drive."""
+    max_speed_m_per_s: Positive = Body.max_speed_m_per_s
+    """Highest speed, in m/s."""
+    max_acceleration_m_per_s2: Positive = Body.max_acceleration_m_per_s2
+    """Fastest change of speed, in m/s^2."""
+    reaction_s: Annotated[float, Field(ge=0, le=1)] = Body.reaction_s
+    """Time from a command until the robot obeys, in s."""
+    camera_height_m: Positive = 0.20
+    """Height of the cameras above the floor, in m."""
+    camera_forward_m: float = 0.15
+    """Distance of the cameras in front of the point the robot turns about, in m."""
+    camera_pitch_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
+    """Angle by which the cameras look down, in degrees."""
 
     def body(self) -> Body:
         return Body(**self.model_dump(exclude={"camera_height_m", "camera_forward_m", "camera_pitch_deg"}))
 
 
-class RigTable(Strict):
+class RigTable(Table):
     """`[rig]`: what a calibration of the cameras gives; see `ndtorch.navigation.StereoRig`."""
 
-    baseline_m: float = Field(0.30, gt=0, description="The cameras are this far apart, in m.")
-    focal_px: float = Field(430.0, gt=0, description="The lenses have this focal length, in pixels.")
-    width_px: int = Field(640, ge=16, le=8192, description="Images have this width, in pixels.")
-    height_px: int = Field(480, ge=16, le=8192, description="Images have this height, in pixels.")
-    cx_px: float | None = Field(
-        None, description="The optical axis meets this column, in pixels; without a value the middle one."
-    )
-    cy_px: float | None = Field(
-        None, description="The optical axis meets this row, in pixels; without a value the middle one."
-    )
+    baseline_m: Positive = 0.30
+    """Distance between the cameras, in m."""
+    focal_px: Positive = 430.0
+    """Focal length of the lenses, in pixels."""
+    width_px: Pixels = 640
+    """Width of images, in pixels."""
+    height_px: Pixels = 480
+    """Height of images, in pixels."""
+    cx_px: float | None = None
+    """Column of the optical axis, in pixels; the middle one by default."""
+    cy_px: float | None = None
+    """Row of the optical axis, in pixels; the middle one by default."""
 
 
-class LimitsTable(Strict):
+class LimitsTable(Table):
     """`[limits]`: limits of the safety layer; see `ndtorch_robot.safety.SafetyLimits`."""
 
-    speed_m_per_s: float | None = Field(
-        None,
-        gt=0,
-        le=5,
-        description="A command of a higher speed is a fault, in m/s; by default 1.2 times cruise speed.",
-    )
-    curvature_per_m: float | None = Field(
-        None, gt=0, description="A command of a tighter curve is a fault, in 1/m; by default what the body can do."
-    )
-    acceleration_m_per_s2: float | None = Field(
-        None, gt=0, description="The speed increases no faster than this, in m/s^2; by default .8 times the body's."
-    )
-    steering_per_m_per_s: float | None = Field(
-        None,
-        gt=0,
-        description="The curvature changes no faster than this, in 1/m a second; by default lock to lock in .1 s.",
-    )
-    step_s: float = Field(0.1, gt=0, le=0.12, description="A longer time between two commands is a fault, in s.")
-    frame_age_s: float = Field(0.1, gt=0, le=0.2, description="Frames older than this are a fault, in s.")
-    recovery_s: float = Field(
-        1.0,
-        gt=0,
-        le=60,
-        description="After a passing fault the car drives on once all has been well for this time, in s.",
-    )
+    speed_m_per_s: Annotated[float, Field(gt=0, le=5)] | None = None
+    """Highest speed of a command, in m/s; 1.2 times cruise speed by default."""
+    curvature_per_m: Positive | None = None
+    """Tightest curve of a command, in 1/m; what the body can do by default."""
+    acceleration_m_per_s2: Positive | None = None
+    """Fastest increase of speed, in m/s^2; .8 times that of the body by default."""
+    steering_per_m_per_s: Positive | None = None
+    """Fastest change of curvature, in 1/m a second; lock to lock in .1 s by default."""
+    step_s: Annotated[float, Field(gt=0, le=0.12)] = 0.1
+    """Longest time between two commands, in s; more is a fault."""
+    frame_age_s: Annotated[float, Field(gt=0, le=0.2)] = 0.1
+    """Age of the oldest frames to steer by, in s; more is a fault."""
+    recovery_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    """Time without a fault after which the car drives on by itself, in s."""
 
     def limits(self, body: Body) -> SafetyLimits:
         tightest = body.max_curvature_per_m
         return SafetyLimits(
-            min(1.2 * body.cruise_m_per_s, body.max_speed_m_per_s)
-            if self.speed_m_per_s is None
-            else self.speed_m_per_s,
-            tightest if self.curvature_per_m is None else self.curvature_per_m,
-            0.8 * body.max_acceleration_m_per_s2 if self.acceleration_m_per_s2 is None else self.acceleration_m_per_s2,
-            18 * tightest if self.steering_per_m_per_s is None else self.steering_per_m_per_s,
+            self.speed_m_per_s or min(1.2 * body.cruise_m_per_s, body.max_speed_m_per_s),
+            self.curvature_per_m or tightest,
+            self.acceleration_m_per_s2 or 0.8 * body.max_acceleration_m_per_s2,
+            self.steering_per_m_per_s or 18 * tightest,
             self.step_s,
             self.frame_age_s,
             self.recovery_s,
         )
 
 
-class RobotTable(Strict):
+class RobotTable(Table):
     """The robot: body, cameras and limits."""
 
-    rate_hz: float = Field(30.0, gt=0, le=200, description="The loop takes this number of steps a second, in Hz.")
+    rate_hz: Annotated[float, Field(gt=0, le=200)] = 30.0
+    """Steps of the loop a second, in Hz."""
     body: BodyTable = BodyTable()
     rig: RigTable = RigTable()
     limits: LimitsTable = LimitsTable()
@@ -141,41 +136,50 @@ class RobotTable(Strict):
         return SafetyLimits(limits.speed if speed is None else speed, limits.curvature, silence=late, age=late)
 
 
+class NavigatorTable(Table, NavigatorOptions):
+    """A table of a file with the options of a navigator among its keys."""
+
+    @field_validator(*OPTION_NAMES)
+    @classmethod
+    def usable(cls, value: Any, info: ValidationInfo) -> Any:
+        check_option(str(info.field_name), value)
+        return value
+
+    def options(self) -> NavigatorOptions:
+        return options_of({name: getattr(self, name) for name in OPTION_NAMES})
+
+
 class NavigationTable(NavigatorTable):
     """`[navigation]`: this key beside the options of `NavigatorOptions`."""
 
-    map_half_size_m: float = Field(
-        0.0, ge=0, le=50, description="The map extends this far from the start to each side, in m; 0 makes no map."
-    )
+    map_half_size_m: Annotated[float, Field(ge=0, le=50)] = 0.0
+    """Distance from the start to each side of the map, in m; 0 makes no map."""
 
 
-class SimulationTable(Strict):
+class SimulationTable(Table):
     """`[simulation]`: a simulated world in place of cameras and car.
 
     The firmware drives it, in this process, or with `link.kind = "simulated-world"` nothing but the loop.
     """
 
-    arena: str = Field("curve", description="The car drives in this arena, a name or a .toml file.")
-    seed: int = Field(0, ge=0, lt=2**31, description="Building, textures and start follow from this number.")
-    disturbance: str = Field(
-        "", description="These disturbances, names or key=number, act on cameras and car; see `ndtorch drive --help`."
-    )
+    arena: str = "curve"
+    """Arena to drive in, a name or a .toml file."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    """Number from which building, textures and start follow."""
+    disturbance: str = ""
+    """Disturbances of cameras and car, names or key=number; see `ndtorch drive --help`."""
 
 
 class RunConfig(RobotTable):
     """The file of a robot for `ndtorch run`; `--robot` of other commands reads what describes the robot."""
 
-    board_name: str = Field(
-        min_length=1, max_length=8, description="Name of the board; its welcome message has room for 8 letters."
-    )
-    link: Mapping[str, str | int | float | bool] = Field(
-        default_factory=dict,
-        description="The drive link is of this `kind` (serial by default, hosted-board in a simulated world), with the "
-        "keys of its kind; see `ndtorch_robot/link/`.",
-    )
-    bridges: Mapping[str, Mapping[str, str | int | float | bool]] = Field(
-        default_factory=dict, description="Bridges of these kinds run beside the loop, each with the keys of its kind."
-    )
+    board_name: Annotated[str, Field(min_length=1, max_length=8)]
+    """Name of the board; its welcome message has room for 8 letters."""
+    link: Settings = Field(default_factory=dict)
+    """Drive link of this `kind` (serial by default, hosted-board in a simulated world), with the keys of its kind; see
+    `ndtorch_robot/link/`."""
+    bridges: Mapping[str, Settings] = Field(default_factory=dict)
+    """Bridges of these kinds beside the loop, each with the keys of its kind."""
     camera_monitor: CameraLimits = CameraLimits()
     navigation: NavigationTable = NavigationTable()
     cameras: dict[str, str | int | float] | None = None

@@ -71,7 +71,7 @@ class Import:
         from ndtorch.navigation.options import options_of
         from ndtorch_robot.config import read_robot
         from ndtorch_robot.navigator_runner import NavigatorRunner
-        from ndtorch_robot.navigator_table import print_note
+        from ndtorch_robot.ports import print_note
         from ndtorch_robot.recording import Recorder
         from ndtorch_robot.recording.bags import StereoBag
         from ndtorch_robot.run_config import BodyTable

@@ -81,7 +81,7 @@ class Replay:
         return replay(recording, make_runner(recording.configuration))
 
     def shown(self, recording: Recording) -> Comparison:
-        from ndtorch_robot.navigator_table import print_note
+        from ndtorch_robot.ports import print_note
         from ndtorch_robot.recording import make_runner, replay
         from ndtorch_robot.view import ViewSteps, Where, layout, open_stream, start_view
 
