@@ -381,9 +381,8 @@ class Navigator(nn.Module):
         _, state = self(frame, frame)
         self(frame, frame, state)
         self.warm_up_senses(frame)
-        for memory in (self.grid_map, self.localiser):
-            if memory is not None:
-                memory.warm_up()
+        if self.localiser is not None:
+            self.localiser.warm_up()
 
     def warm_up_senses(self, frame: Tensor) -> None:
         """Compile or load what ranges, what checks what is near, and what the controller needs later."""

@@ -92,85 +92,60 @@ class Primitives(NamedTuple):
     step: float
 
 
-class Turn(NamedTuple):
-    """A pose in cells: cosine and sine of the heading over the side of a cell, and the place."""
-
-    cos: Any
-    sin: Any
-    x: Any
-    y: Any
+LINE_FROM, LINE_TO, LINE_PLACES = 0.15, 0.88, 24
+"""From and up to which ratio of a range its line of sight counts as seen through, and how many points of it."""
 
 
-@jit(exact=True)
-def turn_of(pose: tuple[float, float, float], cell: float) -> Turn:
-    kind = np.float32
-    cos, sin = kind(math.cos(kind(pose[2]))) / kind(cell), kind(math.sin(kind(pose[2]))) / kind(cell)
-    return Turn(cos, sin, kind(pose[0]) / kind(cell), kind(pose[1]) / kind(cell))
+@jit
+def in_cells(pose: tuple[float, float, float], cell: float) -> tuple[float, float, float, float]:
+    """Cosine and sine of a heading, and x and y of a pose, all over the side of a cell."""
+    return math.cos(pose[2]) / cell, math.sin(pose[2]) / cell, pose[0] / cell, pose[1] / cell
 
 
-@jit(exact=True)
-def cell_of(x: float, y: float, turn: Turn, size: int) -> tuple[int, int]:
-    """Row and column of the cell that holds a place of the body frame."""
-    row = math.floor(turn.cos * x - turn.sin * y + turn.x)
-    column = math.floor(turn.sin * x + turn.cos * y + turn.y)
-    return int(row) & (size - 1), int(column) & (size - 1)
+@jit
+def cell_of(x: float, y: float, pose: tuple[float, float, float, float], size: int) -> tuple[int, int]:
+    """Row and column of the cell that holds a point of the body frame, m, for a pose of `in_cells`."""
+    cos, sin, ahead, aside = pose
+    row, column = math.floor(cos * x - sin * y + ahead), math.floor(sin * x + cos * y + aside)
+    return row & (size - 1), column & (size - 1)
 
 
-@jit(exact=True)
+@jit
 def cell_index(x: Array, y: Array, pose: tuple[float, float, float], cell: float, size: int) -> Array:
-    """Numbers, row after row, of the cells that hold places `[n]` of the body frame."""
-    turn, at = turn_of(pose, cell), np.empty(x.shape[0], np.int32)
-    cos, sin, ahead, aside = turn.cos, turn.sin, turn.x, turn.y
-    last, side = np.int32(size - 1), np.int32(size)
+    """Numbers, row after row, of the cells that hold points `[n]` of the body frame."""
+    here, at = in_cells(pose, cell), np.empty(x.shape[0], np.int32)
     for k in range(at.shape[0]):
-        row = np.int32(np.floor(cos * x[k] - sin * y[k] + ahead)) & last
-        column = np.int32(np.floor(sin * x[k] + cos * y[k] + aside)) & last
-        at[k] = row * side + column
+        row, column = cell_of(x[k], y[k], here, size)
+        at[k] = row * size + column
     return at
 
 
-@jit(exact=True)
+@jit
 def tags(x: float, y: float, cell: float, size: int) -> Array:
     """How often each row and column has been wrapped around for a car at x, y, `[2, size]`."""
-    out, kind = np.empty((2, size), np.float32), np.float32
-    rows = np.arange(size).astype(kind)
-    for axis in range(2):
-        here = math.floor(kind(y if axis else x) / kind(cell))
-        out[axis] = np.floor((kind(here) - rows) / kind(size) + kind(0.5))
-    return out
-
-
-@jit(exact=True)
-def moved(evidence: Array, tag: Array, new_tag: Array, keep: float) -> Array:
-    """Evidence of the cells that still represent the same places, of which the share `keep` stays; else 0."""
-    kind, size = np.float32, evidence.shape[0]
-    out, same = np.empty_like(evidence), np.empty(size, np.float32)
-    for n in range(size):
-        same[n] = kind(new_tag[1, n] == tag[1, n])
-    for row in range(size):
-        kept = kind(keep) if new_tag[0, row] == tag[0, row] else kind(0)
-        for column in range(size):
-            out[row, column] = evidence[row, column] * (kept * same[column])
+    out, rows = np.empty((2, size), np.float32), np.arange(size)
+    out[0] = np.floor((math.floor(x / cell) - rows) / size + 0.5)
+    out[1] = np.floor((math.floor(y / cell) - rows) / size + 0.5)
     return out
 
 
 @jit
 def move_grid(grid: LocalGrid, pose: tuple[float, float, float], cell: float, keep: float) -> LocalGrid:
-    """Forget what has left the square, and of the rest all but the share `keep`."""
-    tag = tags(pose[0], pose[1], cell, grid.tag.shape[1])
-    raised = moved(grid.raised, grid.tag, tag, keep) if grid.raised.size else grid.raised
-    return LocalGrid(moved(grid.evidence, grid.tag, tag, keep), tag, raised)
+    """Forget what has left the square, and of the rest all but the ratio `keep`."""
+    size = grid.tag.shape[1]
+    tag = tags(pose[0], pose[1], cell, size)
+    same = (tag == grid.tag).astype(np.float32)
+    kept = same[0].reshape(size, 1) * same[1] * np.float32(keep)
+    return LocalGrid(grid.evidence * kept, tag, grid.raised * kept if grid.raised.size else grid.raised)
 
 
 @jit
 def bound(evidence: Array, least: float, most: float) -> None:
-    low, high = np.float32(least), np.float32(most)
-    for row in range(evidence.shape[0]):
-        for column in range(evidence.shape[1]):
-            evidence[row, column] = min(max(evidence[row, column], low), high)
+    """Limit evidence in place."""
+    evidence[:] = np.minimum(np.maximum(evidence, np.float32(least)), np.float32(most))
 
 
-@jit(exact=True)
+@jit
 def add_ranges(
     evidence: Array,
     ranges: tuple[Array, Array, Array],
@@ -186,27 +161,21 @@ def add_ranges(
         ranges: x and y, m, and valid, `[n]`, body frame.
         weight, miss: evidence of a range, and what it takes from each cell of its line of sight.
     """
-    kind, size, turn = np.float32, evidence.shape[0], turn_of(pose, numbers.cell)
-    ahead, aside = kind(numbers.beam_forward), kind(numbers.beam_left)
+    size, here = evidence.shape[0], in_cells(pose, numbers.cell)
     x, y, valid = ranges
     for i in range(x.shape[0]):
         if not valid[i]:
             continue
-        if max(abs(x[i]), abs(y[i])) < kind(numbers.reach):
-            row, column = cell_of(x[i], y[i], turn, size)
-            evidence[row, column] += kind(weight)
+        if max(abs(x[i]), abs(y[i])) < numbers.reach:
+            evidence[cell_of(x[i], y[i], here, size)] += weight
         if miss > 0:
-            dx, dy = x[i] - ahead, y[i] - aside
-            # Those of its places that share a cell take that much together.
-            taken = kind(miss) * min(kind(math.hypot(dx, dy)) * kind(numbers.cells_per_m), kind(1))
+            dx, dy = x[i] - numbers.beam_forward, y[i] - numbers.beam_left
+            # Those of its points that share a cell take that much together.
+            taken = miss * min(math.hypot(dx, dy) * numbers.cells_per_m, 1.0)
             for k in range(LINE_PLACES):
-                share = kind(LINE_FROM + k * (LINE_TO - LINE_FROM) / (LINE_PLACES - 1))
-                row, column = cell_of(ahead + dx * share, aside + dy * share, turn, size)
-                evidence[row, column] -= taken
-
-
-LINE_FROM, LINE_TO, LINE_PLACES = 0.15, 0.88, 24
-"""From and up to which share of a range its line of sight counts as seen through, and how many places of it."""
+                ratio = LINE_FROM + k * (LINE_TO - LINE_FROM) / (LINE_PLACES - 1)
+                at = cell_of(numbers.beam_forward + dx * ratio, numbers.beam_left + dy * ratio, here, size)
+                evidence[at] -= taken
 
 
 @jit
@@ -214,12 +183,8 @@ def costs(grid: LocalGrid, blocked: float) -> Array:
     """Evidence in which what is raised blocks, `[size, size]`."""
     if not grid.raised.size:
         return grid.evidence
-    out, limit = np.empty_like(grid.evidence), np.float32(blocked)
-    for row in range(out.shape[0]):
-        for column in range(out.shape[1]):
-            own = grid.evidence[row, column]
-            out[row, column] = max(own, limit) if grid.raised[row, column] >= limit else own
-    return out
+    limit = np.float32(blocked)
+    return np.where(grid.raised >= limit, np.maximum(grid.evidence, limit), grid.evidence)
 
 
 @jit
@@ -236,6 +201,7 @@ def free_distances(cost: Array, at: Array, arcs: Primitives, blocked: float, unk
     """
     count, cells = arcs.curvature.shape[0], cost.reshape(-1)
     out, across = np.empty((2, count), np.float32), at.shape[0] // (count * arcs.steps)
+    blocks, hides = np.float32(blocked), np.float32(unknown)  # as evidence is rounded
     for arc in range(count):
         free, seen, stop, hidden = 0, 0, False, False
         looked = arcs.leading if arcs.forward[arc] > 0 else across
@@ -245,13 +211,13 @@ def free_distances(cost: Array, at: Array, arcs: Primitives, blocked: float, unk
                 if stop and (hidden or k >= looked):
                     break
                 worth = cells[at[start + k]]
-                stop = stop or worth >= np.float32(blocked)
-                hidden = hidden or (k < looked and worth >= np.float32(unknown))
+                stop = stop or worth >= blocks
+                hidden = hidden or (k < looked and worth >= hides)
             free, seen = free + (not stop), seen + (not hidden)
             if stop and hidden:
                 break
-        out[0, arc] = np.float32(free) * np.float32(arcs.step)
-        out[1, arc] = np.float32(seen) * np.float32(arcs.step)
+        out[0, arc] = free * arcs.step
+        out[1, arc] = seen * arcs.step
     return out
 
 
@@ -274,40 +240,33 @@ NEAREST_SQUARED = 0.01
 """The square of the nearest distance, m^2, for which a curvature is worked out."""
 
 
-@jit(exact=True)
+@jit
 def record(path: DrivenPath, pose: tuple[float, float, float], speed: float) -> DrivenPath:
     """The path after a step: forward it grows, and going back takes off what is passed.
 
     A car that goes back beside it has left the path, and begins another one there.
     """
-    kind, poses, last = np.float32, np.empty_like(path.poses), path.poses[0]
-    here = (kind(pose[0]), kind(pose[1]), kind(pose[2]))
-    cos, sin = math.cos(here[2]), math.sin(here[2])
-    ahead, aside = last[0] - here[0], last[1] - here[1]
+    poses, last = path.poses.copy(), path.poses[0]
+    cos, sin, ahead, aside = math.cos(pose[2]), math.sin(pose[2]), last[0] - pose[0], last[1] - pose[1]
     x, y = cos * ahead + sin * aside, cos * aside - sin * ahead
-    first = path.size < 1
-    turned = abs(last[2] - here[2]) > kind(MAX_TURN_RAD)
-    off = not first and speed < kind(-1e-3) and (abs(y) > kind(MAX_OFFSET_M) or turned)
-    passed = not first and not off and speed <= 0 and x > kind(-PASSED_M)
-    far = not first and speed > 0 and math.hypot(x, y) >= kind(SPACING)
-    shift = 1 if first or off or far else -1 if passed else 0
-    for n in range(POSES):
-        for k in range(3):
-            poses[n, k] = path.poses[min(max(n - shift, 0), POSES - 1), k]
-    if shift == 1:
-        poses[0, 0], poses[0, 1], poses[0, 2] = here
-    return DrivenPath(poses, 1 if first or off else min(path.size + shift, POSES))
+    left = abs(y) > MAX_OFFSET_M or abs(last[2] - pose[2]) > MAX_TURN_RAD
+    begins = path.size < 1 or (speed < -1e-3 and left)
+    if begins or (speed > 0 and math.hypot(x, y) >= SPACING):
+        poses[1:] = path.poses[:-1]
+        poses[0, 0], poses[0, 1], poses[0, 2] = pose
+        return DrivenPath(poses, 1 if begins else min(path.size + 1, POSES))
+    if speed <= 0 and x > -PASSED_M:
+        poses[:-1] = path.poses[1:]
+        return DrivenPath(poses, path.size - 1)
+    return DrivenPath(poses, path.size)
 
 
-@jit(exact=True)
+@jit
 def pure_pursuit_back(path: DrivenPath, pose: tuple[float, float, float], max_curvature: float) -> tuple[float, float]:
-    """How far the path leads back, m, and the curvature of the arc to a place 0.2 m behind on it [Coulter 1992]."""
-    kind = np.float32
-    at = min(max(path.size - 1, 0), LOOKAHEAD_POSES)
-    cos, sin = math.cos(kind(pose[2])), math.sin(kind(pose[2]))
-    ahead, aside = path.poses[at, 0] - kind(pose[0]), path.poses[at, 1] - kind(pose[1])
+    """How far the path leads back, m, and the curvature of the arc to a point 0.2 m behind on it [Coulter 1992]."""
+    steps = max(path.size - 1, 0)
+    at = path.poses[min(steps, LOOKAHEAD_POSES)]
+    cos, sin, ahead, aside = math.cos(pose[2]), math.sin(pose[2]), at[0] - pose[0], at[1] - pose[1]
     x, y = cos * ahead + sin * aside, cos * aside - sin * ahead
-    bend = kind(2) * y / max(x * x + y * y, kind(NEAREST_SQUARED))
-    bend = min(max(bend, kind(-max_curvature)), kind(max_curvature))
-    length = float(kind(max(path.size - 1, 0)) * kind(SPACING))
-    return length, float(bend) if x < kind(-2 * PASSED_M) else 0.0
+    bend = min(max(2 * y / max(x * x + y * y, NEAREST_SQUARED), -max_curvature), max_curvature)
+    return steps * SPACING, bend if x < -2 * PASSED_M else 0.0

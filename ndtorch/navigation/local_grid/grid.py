@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,11 +22,11 @@ class LocalGridParams:
     """A square of square cells that moves with the car.
 
     Args:
-        cell_m: A cell has sides of this length.
-        size_cells: The grid has this many cells along a side, a power of two; it forgets what lies beyond.
-        lifetime_s: Evidence falls to 1/e in this time.
-        max_evidence: Evidence of an obstacle grows no further than this, so that a few frames can free a cell.
-        max_free_evidence: Evidence of free floor grows no further than this, so that four frames can block a cell.
+        cell_m: Side of a cell.
+        size_cells: Number of cells along a side, a power of two; what lies beyond is forgotten.
+        lifetime_s: Time in which evidence falls to 1/e.
+        max_evidence: Limit of the evidence of an obstacle, so that a few frames can free a cell.
+        max_free_evidence: Limit of the evidence of free floor, so that four frames can block a cell.
 
     Raises:
         InputError: A number is out of range.
@@ -44,15 +45,15 @@ class LocalGridParams:
 
     @property
     def reach(self) -> float:
-        """Places nearer than this along either axis are inside, m."""
+        """Points nearer than this along either axis are inside, m."""
         return (self.size_cells // 2 - 1) * self.cell_m
 
 
 def empty_grid(x: float, y: float, params: LocalGridParams, raised: bool = False) -> LocalGrid:
-    """Nothing is known around a car at x, y, m; what is raised is kept apart, or is not."""
+    """Nothing is known around a car at x, y, m; what is raised may be kept apart."""
     size = params.size_cells
     above = np.zeros((size, size) if raised else (0, 0), np.float32)
-    return LocalGrid(np.zeros((size, size), np.float32), tags.function(float(x), float(y), params.cell_m, size), above)
+    return LocalGrid(np.zeros((size, size), np.float32), tags(float(x), float(y), params.cell_m, size), above)
 
 
 def empty_path() -> DrivenPath:
@@ -63,16 +64,15 @@ def empty_path() -> DrivenPath:
 def mark_obstacles(
     grid: LocalGrid, pose: tuple[float, float, float], x: Floats, y: Floats, weight: float, params: LocalGridParams
 ) -> LocalGrid:
-    """The grid with a range's evidence of raised obstacles in each of the cells that hold places of the body frame.
+    """The grid with a range's evidence of raised obstacles in each of the cells that hold points of the body frame.
 
     What was seen free before there was any measurement that near says nothing.
     """
     if not len(x) or not grid.raised.size:
         return grid
-    at = cells_at(pose, x, y, params)
-    raised = grid.raised.copy()
+    at, raised = cells_at(pose, x, y, params), grid.raised.copy()
     cells = raised.reshape(-1)
-    cells[at] = np.minimum(np.maximum(cells[at], 0) + np.float32(weight), np.float32(params.max_evidence))
+    cells[at] = np.minimum(np.maximum(cells[at], 0) + weight, params.max_evidence)
     return grid._replace(raised=raised)
 
 
@@ -91,19 +91,27 @@ def mark_stop(
         blocked: evidence from which a cell blocks.
     """
     evidence, raised = grid.evidence.copy(), grid.raised.copy()
-    cells, full = evidence.reshape(-1), np.float32(blocked + 0.1)
+    cells, full = evidence.reshape(-1), blocked + 0.1
     ahead, none = cells_at(pose, *scan.across, params), cells_at(pose, *scan.mismatches, params)
     cells[ahead] = np.minimum(cells[ahead], 0) if scan.floor_seen else np.maximum(cells[ahead], full)
     for layer in (cells, raised.reshape(-1)):
         if layer.size:
             layer[none] = np.minimum(layer[none], 0)
-    found = cells_at(pose, *scan.obstacles, params)
-    cells[found] = np.maximum(cells[found], full)
+    obstacles = cells_at(pose, *scan.obstacles, params)
+    cells[obstacles] = np.maximum(cells[obstacles], full)
     return grid._replace(evidence=evidence, raised=raised)
 
 
 def cells_at(pose: tuple[float, float, float], x: Floats, y: Floats, params: LocalGridParams) -> npt.NDArray[np.int32]:
-    """Numbers of the cells that hold places of the body frame, m."""
-    places = (np.ascontiguousarray(part, np.float32) for part in (x, y))
-    at: npt.NDArray[np.int32] = cell_index(*places, pose, params.cell_m, params.size_cells)
+    """Numbers of the cells that hold points of the body frame, m."""
+    points = (np.ascontiguousarray(part, np.float32) for part in (x, y))
+    at: npt.NDArray[np.int32] = cell_index(*points, pose, params.cell_m, params.size_cells)
     return at
+
+
+def unrolled(evidence: Floats, x: float, y: float, params: LocalGridParams) -> tuple[Floats, float, float]:
+    """Evidence `[size, size]` as rows of y and columns of x around a point, both growing, and its lower left corner."""
+    size, half = params.size_cells, params.size_cells // 2
+    left, bottom = (math.floor(v / params.cell_m) - half + 1 for v in (x, y))
+    cells = np.roll(evidence, (-left % size, -bottom % size), (0, 1)).T
+    return np.ascontiguousarray(cells), left * params.cell_m, bottom * params.cell_m

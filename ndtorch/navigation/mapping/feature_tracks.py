@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_batch, check_finite, check_numbers, check_state, is_finite, surely_finite
+from ndtorch.arguments import check_batch, check_number, check_numbers, check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping.grid_map import check_observations
 from ndtorch.navigation.odometry import Pose, to_world
@@ -22,13 +22,13 @@ class FeatureTrackParams:
     """Parameters of `AlphaBetaTracker`.
 
     Args:
-        alpha: This share of the residual corrects the position of a track (0..1).
-        beta: This share of the residual, over the time step, corrects its velocity (0..1).
-        gate_m: An observation belongs to a track if it is within this distance of its predicted position.
-        slots: This many tracks are kept.
-        max_lost_s: A track that was not seen for longer than this is dropped.
-        min_age_s: A track must be older than this to be dynamic.
-        min_speed_m_per_s: A track is dynamic if it moves faster than this through the world.
+        alpha: Ratio of the residual by which the position of a track is corrected (0..1).
+        beta: Ratio of the residual, over the time step, by which its velocity is corrected (0..1).
+        gate_m: Largest distance of an observation from the predicted position of its track.
+        slots: Number of tracks that are kept.
+        max_lost_s: Time without observations after which a track ends.
+        min_age_s: Age from which on a track can be dynamic.
+        min_speed_m_per_s: Speed through the world above which a track is dynamic.
 
     Raises:
         InputError: A number is out of range.
@@ -85,26 +85,21 @@ def track_step(seen: Tensor, valid: Tensor, state: Tracks, params: FeatureTrackP
     mutual = distance.argmin(-2).gather(-1, index) == torch.arange(params.slots, device=seen.device)
     hit = mutual & (nearest <= params.gate_m)
 
-    observed = seen.gather(-2, index.unsqueeze(-1).expand(*index.shape, 2))
-    residual = torch.where(hit.unsqueeze(-1), observed - place, 0.0)
+    residual = torch.where(hit.unsqueeze(-1), seen.gather(-2, index.unsqueeze(-1).expand(*index.shape, 2)) - place, 0.0)
     place, velocity = corrected(place, state.velocity, residual, params.alpha, params.beta, dt)
-    unseen = torch.where(hit, 0.0, unseen)
-    age = state.age + dt
+    unseen, age = torch.where(hit, 0.0, unseen), state.age + dt
 
-    # An observation begins a track unless it belongs to one, or lies so near one that it is the same thing.
+    # An observation begins a track in the emptiest slot unless it lies within the gate of one.
     fresh = valid & (distance.amin(-2) > params.gate_m)
     count = min(fresh.shape[-1], params.slots)
-    # The emptiest slots, one for each observation.
     slot = unseen.argsort(dim=-1, descending=True, stable=True)[..., :count]
     order = fresh.to(torch.int8).argsort(dim=-1, descending=True, stable=True)[..., :count]
     begins = fresh.gather(-1, order) & (unseen.gather(-1, slot) > 0)
-    start = seen.gather(-2, order.unsqueeze(-1).expand(*order.shape, 2))
-    wide = slot.unsqueeze(-1).expand(*slot.shape, 2)
-    put = begins.unsqueeze(-1)
-    place = place.scatter(-2, wide, torch.where(put, start, place.gather(-2, wide)))
-    velocity = velocity.scatter(-2, wide, torch.where(put, 0.0, velocity.gather(-2, wide)))
-    age = age.scatter(-1, slot, torch.where(begins, 0.0, age.gather(-1, slot)))
-    unseen = unseen.scatter(-1, slot, torch.where(begins, 0.0, unseen.gather(-1, slot)))
+    begun = torch.zeros_like(alive).scatter(-1, slot, begins)
+    first = seen.gather(-2, order.unsqueeze(-1).expand(*order.shape, 2))
+    place = torch.where(begun.unsqueeze(-1), place.scatter(-2, slot.unsqueeze(-1).expand(*slot.shape, 2), first), place)
+    velocity = torch.where(begun.unsqueeze(-1), 0.0, velocity)
+    age, unseen = torch.where(begun, 0.0, age), torch.where(begun, 0.0, unseen)
 
     fast = torch.linalg.vector_norm(velocity, dim=-1) > params.min_speed_m_per_s
     dynamic = fast & (age >= params.min_age_s) & (unseen <= params.max_lost_s)
@@ -125,22 +120,17 @@ class AlphaBetaTracker(nn.Module):
 
     def __init__(self, dt: float, params: FeatureTrackParams | None = None) -> None:
         super().__init__()
-        if not (is_finite(dt) and dt > 0):
-            raise InputError(f"dt must be a positive number of seconds, got {repr(dt)[:40]}")
+        check_number("dt", dt, above=0, unit="seconds")
         self.dt, self.params = dt, params or FeatureTrackParams()
 
     def forward(self, ranges: Ranges, pose: Pose, state: Tracks | None = None) -> tuple[Tracks, Tracks]:
         check_state(state, Tracks)
         batch = check_observations(ranges, pose)
+        check_batch(state, batch, "place", "unseen")
         if state is None:
             blank = ranges.x.new_zeros(*batch, self.params.slots)
             pairs = ranges.x.new_zeros(*batch, self.params.slots, 2)
             state = Tracks(pairs, pairs, blank, blank + math.inf, blank > 0)
-        else:
-            check_batch(state, batch, "place", "unseen")
-            if torch.compiler.is_compiling() or not surely_finite((state.place, state.velocity)):
-                check_finite("state.place", state.place)
-                check_finite("state.velocity", state.velocity)
         x, y = to_world(Pose(*(part.unsqueeze(-1) for part in pose)), ranges.x, ranges.y)
         places = torch.stack((x, y), -1)
         for t in range(pose.x.shape[-1]):

@@ -10,22 +10,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import (
-    check_number,
-    check_numbers,
-    check_state,
-    check_tensor,
-    surely_finite,
-)
+from ndtorch.arguments import check_number, check_numbers, check_state, check_tensor
 from ndtorch.errors import InputError
-from ndtorch.navigation.mapping._kernels import MapNumbers, MapTables, Rays, beam_cells
 from ndtorch.navigation.mapping.certainty import REACH, BeamTable, beam_table, sample_certainty
-from ndtorch.navigation.mapping.tiles import Tiles, add_at, add_by_kernel, cell_tables, check_tiles, empty_tiles
+from ndtorch.navigation.mapping.tiles import SIDE, Tiles, add_at, empty_tiles
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import StereoRig
-from ndtorch.utils.backend import kernels_wanted
-from ndtorch.utils.jit import packed
 
 Certainty = Literal["beams", "log-odds"]
 
@@ -92,10 +83,10 @@ class LogOdds:
     """Parameters of a map of log-odds, `log(p / (1 - p))` for the probability p that a cell is occupied.
 
     Args:
-        hit: One observation adds this much in all, spread over its cells.
-        miss: One observation takes this much from each cell on the line of sight.
-        clear_ratio: The line of sight counts as free up to this share of the range.
-        limit: Log-odds stay within plus and minus this, so that the map can change.
+        hit: Log-odds that one observation adds in all, spread over its cells.
+        miss: Log-odds that one observation takes from each cell on the line of sight.
+        clear_ratio: Ratio of the range up to which the line of sight counts as free.
+        limit: Largest size of log-odds, so that the map can change.
 
     Raises:
         InputError: A number is out of range.
@@ -137,8 +128,8 @@ class GridMap(nn.Module):
     is certain to be, and takes some away on the line of sight before it; `cells` are log-odds and 0 is unknown.
 
     Called as `cells, state = grid_map(ranges, pose, state)`; row 0 of `cells` is at the smallest y. Only cells near
-    the beams are touched, and `update` gives the state without putting all cells together. What is seen outside the
-    grid is ignored.
+    the beams are touched, and `update` gives the state without putting all cells together. What lies outside the grid
+    is ignored.
 
     Shapes:
         ranges `[..., T, n]`, pose `[..., T]` -> cells `[..., rows, columns]`. `state=None` starts empty.
@@ -147,9 +138,9 @@ class GridMap(nn.Module):
         rig: the camera pair.
         grid: the part of the world to map.
         reach: space constant R_b of the beams, m.
-        farthest: range up to which places along a beam are at most half a cell apart, m.
+        farthest: range up to which points along a beam are at most half a cell apart, m.
         certainty: what a cell holds, `"beams"` or `"log-odds"`.
-        odds: numbers of the log-odds.
+        odds: parameters of the log-odds.
         spread_px: standard deviation of a beam, pixels; [A] has 1.
 
     Raises:
@@ -159,8 +150,6 @@ class GridMap(nn.Module):
     tangent: Tensor
     weight: Tensor
     line: Tensor
-    down: Tensor
-    across: Tensor
 
     def __init__(
         self,
@@ -183,92 +172,54 @@ class GridMap(nn.Module):
         table = beam_table(rig, farthest, self.grid.cell / 2, spread_px=spread_px)
         self.register_buffer("tangent", table.tangent, persistent=False)
         self.register_buffer("weight", table.weight, persistent=False)
-        # One place a cell at the farthest range: nearer lines meet a cell more often than once, see `sight`.
+        # One point a cell at the farthest range: nearer lines meet a cell more often than once, see `sight`.
         line = torch.linspace(0.0, self.odds.clear_ratio, math.ceil(farthest / self.grid.cell))
         self.register_buffer("line", line, persistent=False)
-        down, across = cell_tables(self.grid.rows + 2, self.grid.columns + 2)
-        self.register_buffer("down", down, persistent=False)
-        self.register_buffer("across", across, persistent=False)
-        # The same for compiled code.
-        self.tables = MapTables(*(part.numpy() for part in (*table, down, across)))
-        g = self.grid
-        corner = (g.left - g.cell, g.bottom - g.cell)
-        self.map_numbers = packed(MapNumbers(*map(float, (rig.baseline, rig.forward, reach, *corner, g.cell))))
 
     def forward(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> tuple[Tensor, GridMapState]:
         state = self.update(ranges, pose, state)
         return self.grid.inner(state.cells), state
 
     def update(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> GridMapState:
-        """The state after ranges `[..., T, n]` seen from poses `[..., T]`; or after those of one frame, arrays `[n]`,
-        seen from a pose of numbers."""
+        """The state after ranges `[..., T, n]` taken at poses `[..., T]`; or after those of one frame, arrays `[n]`,
+        taken at a pose of numbers."""
         check_state(state, GridMapState)
-        if all(isinstance(part, np.ndarray) for part in ranges):
-            if self.certainty == "beams" and kernels_wanted():
-                return self.add_frame(ranges, pose, state)
+        if isinstance(ranges.x, np.ndarray):
             ranges, pose = in_tensors(ranges, pose)
-        batch, size = check_observations(ranges, pose), (self.grid.rows + 2, self.grid.columns + 2)
-        tiles = empty_tiles(batch, *size, ranges.x) if state is None else state.tiles
-        check_tiles("state.tiles", tiles, batch, *size)
-        if self.certainty == "beams" and not batch and len(ranges.x) == 1 and kernels_wanted(*ranges, *pose):
-            frame = Ranges(*(part[0].numpy() for part in ranges))
-            return self.add_frame(frame, Pose(*map(float, pose)), state)
-        pose = Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose))
+        batch, grid = check_observations(ranges, pose), self.grid
+        tiles = empty_tiles(batch, grid.rows + 2, grid.columns + 2, ranges.x) if state is None else state.tiles
+        size = (*tiles.rows[0][0].shape[:-2], len(tiles.rows), len(tiles.rows[0]))
+        if size != (*batch, -(-(grid.rows + 2) // SIDE), -(-(grid.columns + 2) // SIDE)):
+            raise InputError(f"state.tiles {size} do not fit batch {batch} and a grid of {grid.rows} x {grid.columns}")
+        at = Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose))
         if self.certainty == "beams":
             x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
-            number = self.numbers(*to_world(pose, x, y))
-            tiles = add_at(tiles, number.flatten(-3), (weight * (1 / self.grid.cell**2)).flatten(-3))
-            return GridMapState(tiles)
+            row, column = grid.find(*to_world(at, x, y))
+            weight = weight * (1 / grid.cell**2)
+            return GridMapState(add_at(tiles, row.flatten(-3), column.flatten(-3), weight.flatten(-3)))
         x, y, change = self.sight(ranges)
-        number = self.numbers(*to_world(pose, x, y))
-        for t in range(number.shape[-3]):  # frame by frame, because no frame may take a cell over the limit
-            at, now = number[..., t, :, :].flatten(-2), change[..., t, :, :].flatten(-2)
-            tiles = add_at(tiles, at, now, self.odds.limit)
+        row, column = grid.find(*to_world(at, x, y))
+        for t in range(row.shape[-3]):  # frame by frame, because no frame may take a cell over the limit
+            frame = (part[..., t, :, :].flatten(-2) for part in (row, column, change))
+            tiles = add_at(tiles, *frame, self.odds.limit)
         return GridMapState(tiles)
-
-    def warm_up(self) -> None:
-        """Compile or load the kernels."""
-        one = np.ones(1, np.float32)
-        self.update(Ranges(one, 0.1 * one, -0.1 * one, one, 0 * one, one > 0), Pose(0.0, 0.0, 0.0))
-
-    def add_frame(self, ranges: Ranges, pose: Pose, state: GridMapState | None) -> GridMapState:
-        """`update` with the beams of one frame, arrays `[n]`, by kernels."""
-        x, size = ranges.x, (self.grid.rows + 2, self.grid.columns + 2)
-        tiles = empty_tiles((), *size, torch.from_numpy(x)) if state is None else state.tiles
-        check_tiles("state.tiles", tiles, (), *size)
-        most = x.size * self.tables.weight.size
-        number, weight = np.empty(most, np.int64), np.empty(most, x.dtype)
-        rays = Rays(ranges.left_angle, ranges.right_angle, ranges.valid)
-        count = beam_cells(rays, tuple(pose), self.tables, self.map_numbers, number, weight)
-        if count < 0:
-            raise InputError("ranges and pose must be finite, got NaN or infinite values")
-        return GridMapState(add_by_kernel(tiles, number[:count], weight[:count]))
-
-    def numbers(self, x: Tensor, y: Tensor) -> Tensor:
-        """Indices of the cells that hold points of the world, for `add_at`."""
-        row, column = self.grid.find(x, y)
-        down, across = self.down.index_select(0, row.flatten()), self.across.index_select(0, column.flatten())
-        return down.add_(across).view(row.shape)
 
     def sight(self, ranges: Ranges) -> tuple[Tensor, Tensor, Tensor]:
         """Points of the features and on the lines of sight to them, and the change of log-odds there."""
         x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), math.inf)
-        share = weight / weight.sum(-1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
-        seen = ranges.valid.unsqueeze(-1).to(share.dtype)
+        hits = weight / weight.sum(-1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
+        valid = ranges.valid.unsqueeze(-1).to(hits.dtype)
         ahead, aside = ranges.x.unsqueeze(-1) - self.rig.forward, ranges.y.unsqueeze(-1)
         # Several points of the line may fall into one cell: together they take `miss`.
         length = torch.hypot(ahead, aside) * float(self.line[-1])
         crowding = (length / (len(self.line) * self.grid.cell)).clamp(max=1.0)
         line_x, line_y = self.rig.forward + ahead * self.line, aside * self.line
-        free = (-self.odds.miss * crowding * seen).expand(line_x.shape)
-        return (
-            torch.cat((x, line_x), -1),
-            torch.cat((y, line_y), -1),
-            torch.cat((share * seen * self.odds.hit, free), -1),
-        )
+        free = (-self.odds.miss * crowding * valid).expand(line_x.shape)
+        change = torch.cat((hits * valid * self.odds.hit, free), -1)
+        return torch.cat((x, line_x), -1), torch.cat((y, line_y), -1), change
 
     def normalised(self, state: GridMapState | None) -> Tensor:
-        """The normalised map `[rows, columns]` of one car; zeros before anything was mapped."""
+        """The normalised map `[..., rows, columns]`; zeros before anything was mapped."""
         if state is None:
             return torch.zeros(self.grid.rows, self.grid.columns)
         return self.normalise(self.grid.inner(state.cells))
@@ -288,13 +239,8 @@ def in_tensors(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
 
 def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:
     """The batch shape of ranges `[..., T, n]` and poses `[..., T]`, which must be finite and of one shape."""
-    if torch.compiler.is_compiling() or not surely_finite((*pose, *ranges[1:5])):
-        for name, value in zip(Pose._fields, pose, strict=True):
-            check_tensor(f"pose.{name}", value, half=False)
-        check_tensor("ranges.x", ranges.x, half=False)
-        check_tensor("ranges.y", ranges.y, half=False)
-        check_tensor("ranges.left_angle", ranges.left_angle, half=False)
-        check_tensor("ranges.right_angle", ranges.right_angle, half=False)
+    for name, value in (*zip(Pose._fields, pose, strict=True), ("x", ranges.x), ("y", ranges.y)):
+        check_tensor(name, value, half=False)
     if ranges.x.ndim < 2 or ranges.x.shape[:-1] != pose.x.shape:
         raise InputError(
             f"ranges and poses must go together, ranges.x [..., T, n] and pose.x [..., T], "

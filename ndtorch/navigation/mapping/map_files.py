@@ -101,6 +101,8 @@ def ros_pixels(cells: Tensor, grid: Grid, path: Floats) -> npt.NDArray[np.uint8]
 
     A pixel is occupied where a cell of it is, free where the car's body was, and unknown elsewhere.
     """
+    import cv2
+
     rows, columns = -(-grid.rows // PIXEL), -(-grid.columns // PIXEL)
     padded = np.zeros((rows * PIXEL, columns * PIXEL), np.float32)
     padded[: grid.rows, : grid.columns] = cells.numpy()
@@ -108,13 +110,12 @@ def ros_pixels(cells: Tensor, grid: Grid, path: Floats) -> npt.NDArray[np.uint8]
     pixels = np.full((rows, columns), UNKNOWN, np.uint8)
     side = grid.cell * PIXEL
     reach = int(PASSED / side)
-    at = np.unique(np.floor((path[:, :2] - (grid.left, grid.bottom)) / side).astype(np.int64), axis=0)
-    for down in range(-reach, reach + 1):
-        for across in range(-reach, reach + 1):
-            if down**2 + across**2 <= reach**2:
-                column, row = (at + np.array((across, down))).T
-                inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-                pixels[row[inside], column[inside]] = FREE
+    passed = np.zeros((rows, columns), np.uint8)
+    column, row = np.floor((path[:, :2] - (grid.left, grid.bottom)) / side).astype(np.int64).T
+    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    passed[row[inside], column[inside]] = 1
+    disc = np.hypot(*np.indices((2 * reach + 1, 2 * reach + 1)) - reach) <= reach
+    pixels[cv2.dilate(passed, disc.astype(np.uint8)) > 0] = FREE
     if float(largest.max(initial=0.0)) > 0:
         pixels[largest >= FAINTEST * largest.max()] = OCCUPIED
     return pixels

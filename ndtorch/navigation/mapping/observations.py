@@ -87,24 +87,20 @@ class ObservationList(nn.Module):
         seen_from: Tensor,
         lifetime: float | None = None,
     ) -> Observations:
-        """Put places at the front of the list, for instance virtual ones where a rule suspects a wall.
+        """Put points at the front of the list, for instance virtual ones where a rule suspects a wall.
 
         Args:
             x, y: world, m; `[..., n]`.
-            weight: `[..., n]`; places of weight 0 take a slot and count nothing.
+            weight: `[..., n]`; points of weight 0 take a slot and count nothing.
             seen_from: pose, broadcast to `[..., n, 3]`.
-            lifetime: of these places; the module's own by default.
+            lifetime: of these points; the module's own by default.
         """
         seconds = torch.full_like(x, self.lifetime if lifetime is None else lifetime)
-        here = seen_from.expand(*x.shape, 3)
-
-        def newest(new: Tensor, old: Tensor, dim: int) -> Tensor:
-            return torch.cat([new, old], dim).narrow(dim, 0, self.capacity)
-
+        first = (x, y, weight, seconds, seen_from.expand(*x.shape, 3))
+        dims = (-1, -1, -1, -1, -2)
         return Observations(
-            newest(x, state.x, -1),
-            newest(y, state.y, -1),
-            newest(weight, state.weight, -1),
-            newest(seconds, state.lifetime, -1),
-            newest(here, state.seen_from, -2),
+            *(
+                torch.cat((new, old), dim).narrow(dim, 0, self.capacity)
+                for new, old, dim in zip(first, state, dims, strict=True)
+            )
         )

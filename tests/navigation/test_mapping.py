@@ -1,18 +1,21 @@
-"""The grid map, the log-odds map, large grids in tiles, and the observation list."""
+"""The grid map, the log-odds map, tiles, the observation list, feature tracks, and maps as files."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
+from ndtorch.navigation import AlphaBetaTracker, DeadReckoning, Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import certainty
-from ndtorch.navigation.mapping.tiles import SIDE, add_at, cell_tables, check_tiles, empty_tiles
+from ndtorch.navigation.mapping.feature_tracks import FeatureTrackParams
+from ndtorch.navigation.mapping.map_files import FREE, OCCUPIED, UNKNOWN, load_map, save_map
+from ndtorch.navigation.mapping.tiles import add_at, empty_tiles
 from tests.navigation.planar_world import to_body
 
 RIG = StereoRig()
@@ -136,43 +139,25 @@ def test_tiles_hold_what_was_added_where() -> None:
     """Against a plain tensor, for several maps at once."""
     generator = torch.Generator().manual_seed(2)
     rows, columns = 150, 200
-    down, across = cell_tables(rows, columns)
     tiles, plain = empty_tiles((2, 3), rows, columns, torch.zeros(1)), torch.zeros(2, 3, rows, columns)
     for _ in range(5):
         row = torch.randint(0, rows, (2, 3, 40), generator=generator)
         column = torch.randint(0, columns, (2, 3, 40), generator=generator)
         weight = torch.randn(2, 3, 40, generator=generator)
-        tiles = add_at(tiles, down[row] + across[column], weight, limit=1.0)
+        tiles = add_at(tiles, row, column, weight, limit=1.0)
         plain.flatten(-2).scatter_add_(-1, row * columns + column, weight)
         plain.clamp_(-1.0, 1.0)
     torch.testing.assert_close(tiles.cells[..., :rows, :columns], plain)
 
 
-def test_a_step_shares_what_it_does_not_touch_and_leaves_the_grid_it_was_given() -> None:
-    old = empty_tiles((), 2 * SIDE, 3 * SIDE, torch.zeros(1))
-    down, across = cell_tables(2 * SIDE, 3 * SIDE)
-    new = add_at(old, (down[SIDE + 1] + across[2 * SIDE + 5]).view(1), torch.ones(1))
-    assert new.cells.nonzero().tolist() == [[SIDE + 1, 2 * SIDE + 5]]
-    assert not old.cells.any()
-    assert sum(a is not b for a, b in zip(sum(old.rows, ()), sum(new.rows, ()), strict=True)) == 1
-
-
-@pytest.mark.parametrize(
-    ("batch", "rows", "columns"), [((), 130, 200), ((3,), 130, 200), ((2,), 65, 200), ((2,), 130, 64), ((2,), 200, 130)]
-)
-def test_tiles_of_another_batch_or_size_are_refused(batch: tuple[int, ...], rows: int, columns: int) -> None:
-    tiles = empty_tiles((2,), 130, 200, torch.zeros(1))
-    check_tiles("state", tiles, (2,), 129, 193)  # rounded up to whole tiles it is the same
-    with pytest.raises(InputError, match=r"state .* do not fit"):
-        check_tiles("state", tiles, batch, rows, columns)
-
-
-def test_tiles_hold_floating_point_numbers() -> None:
-    for kind in (torch.int64, torch.float16):
-        with pytest.raises(InputError, match="state must be float"):
-            check_tiles("state", empty_tiles((), SIDE, SIDE, torch.zeros(1, dtype=kind)), (), SIDE, SIDE)
-    with pytest.raises(InputError, match="state must be a Tiles"):
-        check_tiles("state", torch.zeros(SIDE, SIDE), (), SIDE, SIDE)  # type: ignore[arg-type]
+def test_a_state_of_another_batch_or_grid_is_refused() -> None:
+    ranges, pose = random_run(0, 2)
+    mapper, small = GridMap(RIG, GRID), GridMap(RIG, Grid(-1.0, 2.0, -3.0, 3.0))
+    state = mapper.update(ranges, pose)
+    with pytest.raises(InputError, match=r"state.tiles .* do not fit"):
+        small.update(ranges, pose, state)
+    with pytest.raises(InputError, match=r"state.tiles .* do not fit"):
+        mapper.update(*random_run(0, 3), state)
 
 
 def test_list_keeps_the_newest_and_forgets():
@@ -187,3 +172,109 @@ def test_list_keeps_the_newest_and_forgets():
     assert (turned.weight == 0).all()
     assert (float(turned.x[0]), float(turned.y[0])) == pytest.approx((2.0, 4.0))
     assert turned.seen_from[0].tolist() == pytest.approx([2.0, 3.0, math.pi / 2])
+
+
+FILED = Grid(-1.0, 2.0, -0.5, 1.53, 0.01)
+
+
+def write(folder, **more):
+    cells = torch.zeros(FILED.rows, FILED.columns)
+    row, column = FILED.find(torch.tensor(1.22), torch.tensor(0.92))
+    cells[row - 1, column - 1] = 1.0
+    path = np.stack((np.linspace(-0.8, 0.4, 50), np.full(50, -0.2)), -1)
+    save_map(folder, cells, FILED, path, **more)
+    return cells
+
+
+def test_a_map_is_read_again_as_it_was(tmp_path):
+    ndt_cells = np.arange(16, dtype=np.float32).reshape(2, 8)
+    cells = write(tmp_path, ndt_cells=ndt_cells, true_path=np.zeros((3, 3)))
+    for place in (tmp_path, tmp_path / "map.npz"):
+        read = load_map(place)
+        assert read.grid == FILED
+        assert torch.equal(read.cells, cells)
+        assert np.array_equal(read.ndt_cells, ndt_cells)
+    write(tmp_path)
+    assert load_map(tmp_path).ndt_cells is None
+
+
+def test_ros_finds_walls_free_floor_and_the_unknown_where_they_are(tmp_path):
+    write(tmp_path)
+    header, size, most, pixels = (tmp_path / "map.pgm").read_bytes().split(b"\n", 3)
+    columns, rows = map(int, size.split())
+    assert (header, most, columns, rows) == (b"P5", b"255", 60, 41)
+    image = np.frombuffer(pixels, np.uint8).reshape(rows, columns)
+    said = dict(line.split(": ") for line in (tmp_path / "map.yaml").read_text().splitlines())
+    assert (said["image"], said["resolution"], said["negate"]) == ("map.pgm", "0.05", "0")
+    left, bottom, _ = (float(part) for part in said["origin"].strip("[]").split(","))
+
+    def at(x, y):  # as map_server counts: the last row of the picture is at the origin
+        return image[rows - 1 - int((y - bottom) / 0.05), int((x - left) / 0.05)]
+
+    assert at(1.22, 0.92) == OCCUPIED
+    assert (image == OCCUPIED).sum() == 1
+    assert at(0.0, -0.2) == at(0.0, -0.07) == FREE
+    # As far as a car reaches beside its way, three pixels, and no further.
+    below = [at(0.0, -0.2 - 0.05 * n) for n in range(5)]
+    assert below == [FREE] * 4 + [UNKNOWN]
+    assert at(0.0, 0.1) == at(1.0, -0.2) == UNKNOWN
+
+
+DT = 1 / 30
+
+
+def seen(points, pose, noise=0.0, seed=0):
+    """Ranges of world points `[T, n, 2]` from poses `[T]`, with range noise along the line of sight."""
+    x, y = to_body(Pose(*(part.unsqueeze(-1) for part in pose)), *points.unbind(-1))
+    generator = torch.Generator().manual_seed(seed)
+    stretch = 1 + noise * torch.randn(x.shape, generator=generator)
+    x, y = x * stretch, y * stretch
+    return Ranges(torch.hypot(x, y), x * 0, x * 0, x, y, torch.ones_like(x, dtype=torch.bool))
+
+
+def walk(starts, velocities, steps):
+    time = torch.arange(steps).reshape(-1, 1, 1) * DT
+    return torch.tensor(starts) + torch.tensor(velocities) * time
+
+
+STILL = [[2.0, 0.8], [2.5, -0.7], [1.6, 0.0]]
+
+
+@pytest.mark.parametrize("curvature", [0.0, 1.0, -0.5])
+def test_moving_car_in_a_static_world(curvature):
+    """The image of everything moves, yet no track is dynamic, at 2 % of range noise."""
+    steps = 90
+    pose, _ = DeadReckoning(DT)(torch.full((steps,), 0.5), torch.full((steps,), curvature))
+    points = walk(STILL, [[0.0, 0.0]] * 3, steps)
+    state = None
+    for t in range(steps):
+        now = slice(t, t + 1)
+        tracks, state = AlphaBetaTracker(DT)(
+            Ranges(*(p[now] for p in seen(points, pose, noise=0.02))), Pose(*(p[now] for p in pose)), state
+        )
+        assert not tracks.dynamic.any()
+    assert int((state.unseen == 0).sum()) == 3
+
+
+def test_a_walker_is_flagged_and_predicted():
+    steps = 90
+    pose, _ = DeadReckoning(DT)(torch.full((steps,), 0.5), torch.zeros(steps))
+    points = walk([*STILL, [3.0, -0.8]], [[0.0, 0.0]] * 3 + [[-0.1, 0.6]], steps)
+    tracks, _ = AlphaBetaTracker(DT)(seen(points, pose, noise=0.01), pose)
+    assert int(tracks.dynamic.sum()) == 1
+    k = int(tracks.dynamic.nonzero())
+    assert tracks.velocity[k].tolist() == pytest.approx([-0.1, 0.6], abs=0.15)
+    assert tracks.place[k].tolist() == pytest.approx(points[-1, 3].tolist(), abs=0.06)
+
+
+def test_tracks_end_and_slots_are_reused():
+    pose = Pose(*torch.zeros(3, 60))
+    ranges = seen(walk([[1.0, 0.0]], [[0.0, 0.0]], 60), pose)
+    gone = ranges._replace(valid=ranges.valid & (torch.arange(60) < 20).unsqueeze(-1))
+    tracker = AlphaBetaTracker(DT, FeatureTrackParams(slots=2, max_lost_s=0.5))
+    tracks, state = tracker(gone, pose)
+    assert torch.isinf(tracks.unseen).all()
+    tracks, _ = tracker(seen(walk([[2.0, 0.5]], [[0.0, 0.0]], 60), pose), pose, state)
+    k = int(tracks.unseen.argmin())
+    assert tracks.place[k].tolist() == pytest.approx([2.0, 0.5], abs=1e-4)
+    assert float(tracks.age[k]) == pytest.approx(59 * DT, rel=1e-4)
