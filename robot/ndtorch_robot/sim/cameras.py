@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from ndtorch.navigation import Rect, StereoRig, Strips
 from ndtorch.navigation.stereo.strips import row_rect
-from ndtorch_robot.sim.disturbances.registry import CameraErrors
-from ndtorch_robot.sim.procedural_textures import Image
-from ndtorch_robot.sim.render.renderers import Lens, Shot, Vector, View, make_renderer
-
-if TYPE_CHECKING:
-    import mujoco
+from ndtorch_robot.sim._kernels import rasterise
+from ndtorch_robot.sim.disturbances import Disturbances
+from ndtorch_robot.sim.plan import Floats
+from ndtorch_robot.sim.textures import Image
+from ndtorch_robot.sim.world import World
 
 Frame = torch.Tensor | Strips
 Pose = tuple[float, float, float]
@@ -27,57 +26,65 @@ BLUR_SAMPLES = 4
 ROLLING_ROWS = 12
 """Rows that a rolling shutter reads at one time."""
 
+REACH = (0.02, 60.0)
+"""Nearest and farthest distance that is rendered, m."""
 
-class Motion(NamedTuple):
+
+class CarMotion(NamedTuple):
     """Speed, m/s, and curvature, 1/m, of the car while the shutter is open."""
 
     speed: float = 0.0
     curvature: float = 0.0
 
 
-STOPPED = Motion()
+class CameraView(NamedTuple):
+    """Pose of a camera: its position, m, its optical axis and its upward axis, two unit vectors at a right angle."""
+
+    position: Floats
+    forward: Floats
+    up: Floats
+
+
+Shot = Sequence[tuple[CameraView, Rect]]
+"""A strip: its parts from the top down, each with the view from which it is rendered."""
 
 
 class Cameras:
     """Renders what the cameras of a rig see from a pose of the car.
 
-    Strips are pasted into whole frames, so that a drive does not depend on which of the two is rendered.
+    The pixels of a strip equal those of the whole frame to the bit. Strips are pasted into whole frames, so that a
+    drive does not depend on which of the two is rendered.
 
     Args:
-        model: the world.
+        world: of `build`.
         rig: the camera pair.
         fields: the subfields of both images; `rig.subfields()` by default.
         full_frames: render whole frames instead of strips.
-        errors: how the real cameras differ from `rig`.
-
-    Raises:
-        InputError: a world that needs OpenGL where that does not work.
+        disturbances: how the real cameras differ from `rig`.
     """
 
     def __init__(
         self,
-        model: mujoco.MjModel,
+        world: World,
         rig: StereoRig,
         fields: tuple[Rect, Rect] | None = None,
         full_frames: bool = False,
-        errors: CameraErrors | None = None,
+        disturbances: Disturbances | None = None,
     ) -> None:
-        self.rig, self.full_frames, self.errors = rig, full_frames, errors or CameraErrors()
+        self.world, self.rig, self.full_frames = world, rig, full_frames
+        self.errors = disturbances or Disturbances()
         self.fields = fields or rig.subfields()
         self.row = row_rect(rig)
         self.strips = tuple((field, self.row) for field in self.fields)
-        focal = rig.focal * (1 + self.errors.focal)
-        self.renderer = make_renderer(model, Lens(focal, rig.center, rig.width, rig.height))
 
-    def look(self, data: mujoco.MjData, x: float, y: float, heading: float, motion: Motion = STOPPED) -> list[Frame]:
+    def look(self, x: float, y: float, heading: float, motion: CarMotion | None = None) -> list[Frame]:
         """What the left and the right camera see with the car there: frames `[1, 3, H, W]` uint8, or `Strips`."""
-        self.renderer.update(data)
         pose, frames = (x, y, heading), list[Frame]()
-        pieces = iter(self.expose(pose, motion))
+        pieces = iter(self.expose(pose, motion or CarMotion()))
         for side, rects in enumerate(self.strips):
             parts = [next(pieces) for _ in rects]
             if self.full_frames:
-                frame = self.renderer.frame(self.view(*pose, side))
+                frame = self.frame(self.view(*pose, side))
                 for rect, part in zip(rects, parts, strict=True):
                     frame[:, rect.top : rect.bottom, rect.left : rect.right] = part
                 frames.append(torch.from_numpy(frame)[None])
@@ -85,58 +92,79 @@ class Cameras:
                 frames.append(Strips(*(torch.from_numpy(part)[None] for part in parts)))
         return frames
 
-    def expose(self, pose: Pose, motion: Motion) -> list[Image]:
+    def expose(self, pose: Pose, motion: CarMotion) -> list[Image]:
         """All strips of the left camera and then of the right one, with motion blur where the shutter is slow."""
-        shutter = self.errors.shutter
+        shutter = self.errors.shutter_s
         times = [-shutter * (k + 0.5) / BLUR_SAMPLES for k in range(BLUR_SAMPLES)] if shutter else [0.0]
-        exposed = [self.render(pose, motion, time) for time in times]
+        exposed = []
+        for time in times:
+            shots: list[Shot] = []
+            for side, rects in enumerate(self.strips):
+                views: dict[float, CameraView] = {}
+                for rect in rects:
+                    shot = []
+                    for part, delay in readout(rect, self.errors.readout_s, self.rig.height):
+                        if delay not in views:
+                            views[delay] = self.view(*moved(pose, motion, time + delay), side)
+                        shot.append((views[delay], part))
+                    shots.append(shot)
+            exposed.append(self.render(shots))
         if len(exposed) == 1:
             return exposed[0]
         return [np.asarray(np.mean(same, 0) + 0.5).astype(np.uint8) for same in zip(*exposed, strict=True)]
 
-    def render(self, pose: Pose, motion: Motion, time: float) -> list[Image]:
-        """All strips, `time` seconds after the car was at a pose."""
-        shots: list[Shot] = []
-        for side, rects in enumerate(self.strips):
-            views: dict[float, View] = {}
-            for rect in rects:
-                shot = []
-                for part, delay in readout(rect, self.errors.readout, self.rig.height):
-                    if delay not in views:
-                        views[delay] = self.view(*moved(pose, motion, time + delay), side)
-                    shot.append((views[delay], part))
-                shots.append(shot)
-        return self.renderer.strips(shots)
+    def render(self, shots: Sequence[Shot]) -> list[Image]:
+        """The pixels of strips, each `[3, h, w]`, the colors of a pixel next to each other in memory."""
+        cameras: list[Floats] = []
+        parts, shapes, size = [], [], 0
+        aimed: CameraView | None = None
+        for shot in shots:  # the kernel takes the parts of one camera together
+            top, wide = shot[0][1].top, shot[0][1].right - shot[0][1].left
+            for view, part in shot:
+                if view is not aimed:
+                    cameras.append(self.projection(view))
+                    aimed = view
+                parts.append([len(cameras) - 1, *part, size + (part.top - top) * wide])
+            shapes.append((size, shot[-1][1].bottom - top, wide))
+            size += shapes[-1][1] * wide
+        out, w = np.empty((size, 3), np.uint8), self.world
+        rasterise(w.corners, w.surface, w.texels, w.mipmaps, np.array(cameras), np.array(parts), REACH, out)
+        return [out[n : n + high * wide].reshape(high, wide, 3).transpose(2, 0, 1) for n, high, wide in shapes]
 
-    def view(self, x: float, y: float, heading: float, side: int) -> View:
+    def frame(self, view: CameraView) -> Image:
+        """A whole frame `[3, H, W]`."""
+        return self.render([[(view, Rect(0, self.rig.height, 0, self.rig.width))]])[0]
+
+    def projection(self, view: CameraView) -> Floats:
+        """A camera as the kernel `visible_triangles` takes it, `[4, 3]`."""
+        focal, (column, row) = self.rig.focal * (1 + self.errors.focal_error_ratio), self.rig.center
+        across = focal * np.cross(view.forward, view.up) + column * view.forward
+        return np.stack((view.position, across, row * view.forward - focal * view.up, view.forward))
+
+    def view(self, x: float, y: float, heading: float, side: int) -> CameraView:
         """The pose of a camera: 0 the left one, 1 the right one."""
-        cos, sin = math.cos(heading), math.sin(heading)
-        ahead, rig = self.rig.forward, self.rig
-        aside = (0.5 - side) * rig.baseline * (1 + self.errors.baseline)
-        position = (x + ahead * cos - aside * sin, y + ahead * sin + aside * cos, rig.camera_height)
-        return View(position, *axes(heading, side, self.errors, rig.pitch))
-
-    def close(self) -> None:
-        self.renderer.close()
-
-
-def axes(heading: float, side: int, errors: CameraErrors, pitch: float = 0.0) -> tuple[Vector, Vector]:
-    """The optical and the upward axis of a camera: 0 the left one, 1 the right one."""
-    yaw = heading + (errors.yaw + side * errors.right_yaw)
-    pitch, roll = pitch + errors.pitch, errors.roll
-    ahead, left = (math.cos(yaw), math.sin(yaw), 0.0), (-math.sin(yaw), math.cos(yaw), 0.0)
-    forward = (math.cos(pitch) * ahead[0], math.cos(pitch) * ahead[1], -math.sin(pitch))
-    upward = (math.sin(pitch) * ahead[0], math.sin(pitch) * ahead[1], math.cos(pitch))
-    x, y, z = (math.cos(roll) * u - math.sin(roll) * w for u, w in zip(upward, left, strict=True))
-    return forward, (x, y, z)
+        e, rig = self.errors, self.rig
+        ahead, left = direction(heading), direction(heading + math.pi / 2)
+        aside = (0.5 - side) * rig.baseline * (1 + e.baseline_error_ratio)
+        position = np.array([x, y, rig.camera_height]) + rig.forward * ahead + aside * left
+        yaw, roll = heading + math.radians(e.yaw_deg + side * e.right_yaw_deg), math.radians(e.roll_deg)
+        pitch, vertical = rig.pitch + math.radians(e.pitch_deg), np.array([0.0, 0.0, 1.0])
+        ahead, left = direction(yaw), direction(yaw + math.pi / 2)
+        upward = math.sin(pitch) * ahead + math.cos(pitch) * vertical
+        forward = math.cos(pitch) * ahead - math.sin(pitch) * vertical
+        return CameraView(position, forward, math.cos(roll) * upward - math.sin(roll) * left)
 
 
-def moved(pose: Pose, motion: Motion, seconds: float) -> Pose:
+def direction(angle: float) -> Floats:
+    return np.array([math.cos(angle), math.sin(angle), 0.0])
+
+
+def moved(pose: Pose, motion: CarMotion, seconds: float) -> Pose:
+    """Where the car is after a time on its arc."""
     x, y, heading = pose
     length = motion.speed * seconds
-    turned = motion.curvature * length
-    half = turned / 2
-    return x + length * math.cos(heading + half), y + length * math.sin(heading + half), heading + turned
+    half = motion.curvature * length / 2
+    return x + length * math.cos(heading + half), y + length * math.sin(heading + half), heading + 2 * half
 
 
 def readout(rect: Rect, seconds: float, height: int) -> Iterator[tuple[Rect, float]]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
-from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation import Body
-from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.ports import STAND, DriveCommand
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,6 @@ class CarLimits:
         curvature: tightest, 1/m.
         acceleration: m/s^2, also when braking.
         steering: how fast the curvature can change, 1/m a second.
-
-    Raises:
-        InputError: a number below 0, or none.
     """
 
     speed: float = 1.0
@@ -39,9 +36,6 @@ class CarLimits:
         steering = tightest * cls.steering / cls.curvature
         return cls(body.max_speed_m_per_s, tightest, body.max_acceleration_m_per_s2, steering)
 
-    def __post_init__(self) -> None:
-        check_numbers(self, positive=())
-
 
 class Car:
     """Where the car is and what it does. Pose: x, y in m and heading in radians of the middle of its body.
@@ -49,36 +43,43 @@ class Car:
     Args:
         limits: what it can do.
         backlash: curvature by which the wheels may differ from the servo, 1/m.
+        delay: time until a command takes effect, s.
     """
 
-    def __init__(self, limits: CarLimits | None = None, backlash: float = 0.0) -> None:
-        self.limits, self.backlash = limits or CarLimits(), backlash
+    def __init__(self, limits: CarLimits | None = None, backlash: float = 0.0, delay: float = 0.0) -> None:
+        self.limits, self.backlash, self.delay = limits or CarLimits(), backlash, delay
+        self.queue: deque[tuple[float, DriveCommand]] = deque()
         self.place(0.0, 0.0, 0.0)
 
     def place(self, x: float, y: float, heading: float) -> None:
         """Move the car there; it is stationary."""
         self.x, self.y, self.heading = x, y, heading
         self.speed = self.curvature = self.servo = 0.0
-        self.wanted = DriveCommand(0.0, 0.0)
+        self.wanted = STAND
         self.length = self.turned = self.seconds = 0.0
 
-    def send(self, command: DriveCommand) -> DriveCommand:
+    def send(self, command: DriveCommand, now: float = 0.0) -> DriveCommand:
         """Ask for a speed and a curvature; returns what it will do, which is within its limits."""
-        self.wanted = self.within(command)
-        return self.wanted
-
-    def within(self, command: DriveCommand) -> DriveCommand:
-        """The command within the limits of the car; raises as `send`."""
         if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
             raise InputError(f"commands must be finite, got {command}")
         most = self.limits
-        return DriveCommand(
-            min(max(command.speed, -most.speed), most.speed),
-            min(max(command.curvature, -most.curvature), most.curvature),
-        )
+        speed = min(max(command.speed, -most.speed), most.speed)
+        within = DriveCommand(speed, min(max(command.curvature, -most.curvature), most.curvature))
+        if self.delay:
+            self.queue.append((now + self.delay, within))
+        else:
+            self.wanted = within
+        return within
 
-    def advance(self, dt: float) -> None:
-        """Drive for `dt` seconds: the exact arc at the speed and curvature reached by then."""
+    def stop(self) -> None:
+        """Stand at once, and forget all commands."""
+        self.queue.clear()
+        self.wanted, self.speed = STAND, 0.0
+
+    def advance(self, dt: float, now: float = 0.0) -> None:
+        """Drive for `dt` seconds, until `now`: the exact arc at the speed and curvature reached by then."""
+        while self.queue and self.queue[0][0] <= now + 1e-9:
+            self.wanted = self.queue.popleft()[1]
         most = self.limits
         self.speed = approach(self.speed, self.wanted.speed, most.acceleration * dt)
         self.servo = approach(self.servo, self.wanted.curvature, most.steering * dt)

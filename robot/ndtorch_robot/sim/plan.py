@@ -1,4 +1,4 @@
-"""The plan of a building: closed rings of vertical walls, and what can be asked of them."""
+"""The plan of a building: closed rings of vertical surfaces, and geometry in the plane."""
 
 from __future__ import annotations
 
@@ -9,24 +9,19 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.errors import InputError, did_you_mean
+from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
-from ndtorch_robot.sim.floors import Floor
+from ndtorch_robot.sim.textures import KINDS, Floor
 
 Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 Point = tuple[float, float]
 
-KINDS = ("wall", "blank", "door", "jamb", "pillar", "furniture")
-"""What a surface looks like."""
+OVERHEAD, DRIVEN_OVER = 0.25, 0.02
+"""Metres: what hangs higher than the first is above the car (0.19 m high), what is lower than the second is a sill."""
 
-NARROWEST = 0.6
-"""Metres: a passage narrower than this leaves the car (0.36 m wide) no room to steer."""
-
-OVERHEAD = 0.25
-"""Metres: what hangs higher than this over the floor is above the car (0.19 m high)."""
-
-DRIVEN_OVER = 0.02
-"""Metres: what lies lower than this on the floor is driven over, such as a sill or a cable."""
+WIDEST = 100.0
+"""Metres of a side of a building, at most: its floor is one texture."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +30,11 @@ class Ring:
 
     Args:
         points: corners in order, m. Those of an outline run counter-clockwise, those of solids clockwise, so
-            that the free side is always on the left; `ring` turns them round where needed.
+            that the free side is always on the left.
         kinds: one of `KINDS` for the surface from each corner to the next.
         height: m; None is up to the ceiling.
-        bottom: m; there is air below it.
         radius: the ring approximates a cylinder of this radius about the middle of its corners, m; 0 is the polygon.
+        bottom: m; there is air below it.
     """
 
     points: tuple[Point, ...]
@@ -69,18 +64,13 @@ class Ring:
         x, y = self.array.T
         return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)
 
-    def flipped(self) -> Ring:
-        points = tuple(reversed(self.points))
-        kinds = tuple(reversed(self.kinds[:-1])) + self.kinds[-1:]
-        return replace(self, points=points, kinds=kinds)
-
 
 def ring(
     points: list[Point], kind: str = "wall", height: float | None = None, solid: bool = False, bottom: float = 0.0
 ) -> Ring:
     """A ring of one kind of surface, turned to have its free side on the left."""
     made = Ring(tuple(points), (kind,) * len(points), height, bottom=bottom)
-    return made.flipped() if (made.area < 0) != solid else made
+    return replace(made, points=made.points[::-1]) if (made.area < 0) != solid else made
 
 
 def cylinder(x: float, y: float, radius: float, height: float, corners: int = 8) -> Ring:
@@ -89,18 +79,10 @@ def cylinder(x: float, y: float, radius: float, height: float, corners: int = 8)
     return replace(ring(circle(x, y, wide, corners), "pillar", height, solid=True), radius=radius)
 
 
-def circle(x: float, y: float, radius: float, corners: int) -> list[Point]:
-    angles = np.arange(corners) * (2 * math.pi / corners)
+def circle(x: float, y: float, radius: float, corners: int, turned: float = 0.0) -> list[Point]:
+    """Corners of a regular polygon."""
+    angles = turned + np.arange(corners) * (2 * math.pi / corners)
     return [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles]
-
-
-def square(x: float, y: float, side: float, turned: float) -> list[Point]:
-    radius, angles = side / math.sqrt(2), [turned + k * math.pi / 2 for k in range(4)]
-    return [(x + radius * math.cos(angle), y + radius * math.sin(angle)) for angle in angles]
-
-
-WIDEST = 500.0
-"""Metres of a side of a building, at most: places to begin at are looked for on a grid of all of it."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +98,6 @@ class Plan:
         spacing: distance between neighbouring doors, m; 0 where there are none.
         height: of the ceiling, m.
         floor: what it looks like.
-        gates: lines from place to place; a drive counts those that the car has crossed.
-        remarks: what a user may not have meant, one line each.
 
     Raises:
         InputError: a plan that cannot be built, in one line that says where.
@@ -127,29 +107,32 @@ class Plan:
     outline: Ring
     solids: tuple[Ring, ...] = ()
     start: tuple[float, float, float] | None = None
-    doors: tuple[tuple[Point, ...], ...] = field(default=())
+    doors: tuple[tuple[Point, ...], ...] = ()
     spacing: float = 0.0
     height: float = 2.4
     floor: Floor = field(default_factory=Floor)
-    gates: tuple[tuple[Point, Point], ...] = ()
-    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        try:
+            self.check()
+        except InputError as error:
+            raise InputError(f"arena {self.name}: {error}") from None
+
+    def check(self) -> None:
+        """Raise `InputError` for a plan that cannot be built."""
         if not 1.0 <= self.height <= 10.0:
-            raise InputError(f"arena {self.name}: height must be 1 to 10 m, got {self.height}")
+            raise InputError(f"height must be 1 to 10 m, got {self.height}")
         for shape in self.rings:
-            check_ring(shape, self.name)
+            check_ring(shape)
         wide, deep = np.ptp(self.outline.array, 0)
         if not max(wide, deep) <= WIDEST:
-            words = f"{wide:.4g} x {deep:.4g} m is too large, {WIDEST:g} m a side are the most"
-            raise InputError(f"arena {self.name}: {words}")
+            raise InputError(f"{wide:.4g} x {deep:.4g} m is too large, {WIDEST:g} m a side are the most")
         for solid in self.solids:
             x, y = solid.array.mean(0)
             if not inside(self.outline, np.array([[x, y]]))[0]:
-                raise InputError(f"arena {self.name}: a {solid.kinds[0]} at ({x:.2f}, {y:.2f}) is outside the walls")
+                raise InputError(f"a {solid.kinds[0]} at ({x:.2f}, {y:.2f}) is outside the walls")
         if self.start is not None and not (self.clearance(np.array([self.start[:2]]))[0] > 0.3):
-            x, y, _ = self.start
-            raise InputError(f"arena {self.name}: start ({x}, {y}) must be free for 0.3 m all around")
+            raise InputError(f"start {self.start[:2]} must be free for 0.3 m all around")
 
     @property
     def rings(self) -> tuple[Ring, ...]:
@@ -176,32 +159,21 @@ class Plan:
         left, right, bottom, top = self.bounds
         return Grid(left - 0.5, right + 0.5, bottom - 0.5, top + 0.5)
 
-    def is_free(self, points: Floats) -> npt.NDArray[np.bool_]:
-        """Whether points `[N, 2]` are in free space, `[N]`."""
-        free = inside(self.outline, points)
+    def clearance(self, points: Floats) -> Floats:
+        """Distance of points `[N, 2]` from the nearest surface, m, `[N]`; negative where it is not free."""
+        free, best = inside(self.outline, points), away(points, self.in_the_way)
         for solid in self.solids:
             if solid.stops:
                 free &= ~inside(solid, points)
-        return free
-
-    def clearance(self, points: Floats) -> Floats:
-        """Distance of points `[N, 2]` from the nearest surface, m, `[N]`; negative where it is not free."""
-        best = away(points, self.in_the_way)
-        return np.where(self.is_free(points), best, -best)
+        return np.where(free, best, -best)
 
     def cast(self, origin: Floats, angles: Floats) -> Floats:
         """Distance from `origin` (x, y) to the first surface in world directions `[N]`, m; inf where there is none."""
         a, b = self.in_the_way[:, 0], self.in_the_way[:, 1]
         ray = np.stack((np.cos(angles), np.sin(angles)), -1)[:, None]
-        distance, share = crossing(origin, ray, a, b - a)
-        hit = (distance > 1e-9) & (share >= -1e-9) & (share <= 1 + 1e-9)
+        distance, ratio = crossing(origin, ray, a, b - a)
+        hit = (distance > 1e-9) & (ratio >= -1e-9) & (ratio <= 1 + 1e-9)
         return np.asarray(np.where(hit, distance, np.inf).min(-1))
-
-    def sees(self, origin: Floats, targets: Floats, margin: float = 0.02) -> npt.NDArray[np.bool_]:
-        """Whether nothing lies between `origin` and targets `[N, 2]`, up to `margin` metres before them."""
-        offset = targets - origin
-        reach = self.cast(origin, np.arctan2(offset[:, 1], offset[:, 0]))
-        return np.asarray(reach >= np.hypot(*offset.T) - margin)
 
 
 def crossing(origin: Floats, ray: Floats, start: Floats, along: Floats) -> tuple[Floats, Floats]:
@@ -220,76 +192,55 @@ def away(points: Floats, segments: Floats) -> Floats:
     best = np.full(len(points), np.inf)
     for a, b in segments:
         along = b - a
-        share = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
-        best = np.minimum(best, np.hypot(*(points - a - share[:, None] * along).T))
+        ratio = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
+        best = np.minimum(best, np.hypot(*(points - a - ratio[:, None] * along).T))
     return best
 
 
-def inside(shape: Ring, points: Floats) -> npt.NDArray[np.bool_]:
+def inside(shape: Ring, points: Floats) -> Bools:
     """Whether points `[N, 2]` lie inside a ring: a ray to the right crosses it an odd number of times."""
     result = np.zeros(len(points), dtype=bool)
     x, y = points.T
     for (ax, ay), (bx, by) in shape.sides:
         if ay != by:
-            across = (ay > y) != (by > y)
-            result ^= across & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
+            result ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
     return result
 
 
-def narrow_gaps(plan: Plan, car: float = 0.36) -> tuple[str, ...]:
-    """Remarks on gaps between obstacles that look like passages and are narrower than the car."""
-    rings, found = [shape for shape in plan.rings if shape.stops], []
-    for k, one in enumerate(rings):
-        for other in rings[k + 1 :]:
-            gap, (x, y) = nearest_between(one, other)
-            if 0.1 < gap < car:
-                found.append(f"a gap of {gap:.2f} m near ({x:.2f}, {y:.2f}) is narrower than the car ({car} m)")
-    return tuple(found)
+def rectangle_touches(pose: tuple[float, float, float], half: Floats, segments: Floats, circles: Floats) -> bool:
+    """Whether a rectangle touches segments `[S, 2, 2]` or circles `[C, 3]` (x, y, radius), by separating axes.
+
+    Args:
+        pose: x, y, m, and heading, radians, of its middle.
+        half: half its length and width, m, `[2]`.
+    """
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    turn = np.array([[cos, -sin], [sin, cos]])
+    ends = (segments - pose[:2]) @ turn
+    middle, along = ends.mean(1), (ends[:, 1] - ends[:, 0]) / 2
+    extent = np.abs(along)
+    apart = (np.abs(middle) > half + extent).any(1)
+    across = np.abs(middle[:, 0] * along[:, 1] - middle[:, 1] * along[:, 0])
+    apart |= across > half[0] * extent[:, 1] + half[1] * extent[:, 0]
+    beside = np.maximum(np.abs((circles[:, :2] - pose[:2]) @ turn) - half, 0.0)
+    return bool(not apart.all() or (np.hypot(*beside.T) < circles[:, 2]).any())
 
 
-def nearest_between(one: Ring, other: Ring) -> tuple[float, Point]:
-    """The smallest distance of a corner of one ring from a side of the other, and where that is."""
-    best, where = math.inf, (0.0, 0.0)
-    for corners, sides in ((one.array, other.sides), (other.array, one.sides)):
-        for side in sides:
-            apart = away(corners, side[None])
-            k = int(apart.argmin())
-            if apart[k] < best:
-                best, where = float(apart[k]), (float(corners[k, 0]), float(corners[k, 1]))
-    return best, where
-
-
-def check_ring(shape: Ring, arena: str) -> None:
+def check_ring(shape: Ring) -> None:
     """Raise `InputError` for a ring that is no polygon."""
     corners = shape.array
     if len(corners) < 3 or not np.isfinite(corners).all() or len(shape.kinds) != len(corners):
-        raise InputError(f"arena {arena}: a ring needs three corners or more, all finite, got {shape.points}")
-    sides = np.hypot(*(np.roll(corners, -1, 0) - corners).T)
-    if sides.min() < 1e-6 or abs(shape.area) < 1e-4:
-        raise InputError(f"arena {arena}: walls of no length or a ring of no area near {shape.points[0]}")
-    unknown = sorted(set(shape.kinds) - set(KINDS))
-    if unknown:
-        raise InputError(
-            f"arena {arena}: unknown surface {unknown[0]!r}, choose one of {', '.join(KINDS)}"
-            f"{did_you_mean(unknown[0], KINDS)}"
-        )
-    if shape.height is not None and not 0 < shape.height < math.inf:
-        raise InputError(f"arena {arena}: heights must be > 0 m, got {shape.height}")
-    if not 0 <= shape.bottom < (shape.height or math.inf):
-        raise InputError(f"arena {arena}: bottom must be 0 m or more and below the top, got {shape.bottom}")
-    crossing = self_crossing(corners)
-    if crossing is not None:
-        raise InputError(f"arena {arena}: walls cross each other near ({crossing[0]:.2f}, {crossing[1]:.2f})")
-
-
-def self_crossing(corners: Floats) -> Point | None:
-    """Where two walls of a ring cross properly, or None."""
-    a, b = corners, np.roll(corners, -1, 0)
-    d = b - a
-    s, t = crossing(a[:, None], d[:, None], a[None], d[None])
+        raise InputError(f"a ring needs three corners or more, all finite, got {shape.points}")
+    along = np.roll(corners, -1, 0) - corners
+    if np.hypot(*along.T).min() < 1e-6 or abs(shape.area) < 1e-4:
+        raise InputError(f"walls of no length or a ring of no area near {shape.points[0]}")
+    if not set(shape.kinds) <= set(KINDS):
+        raise InputError(f"surfaces must be of {', '.join(KINDS)}, got {sorted(set(shape.kinds) - set(KINDS))[0]!r}")
+    if not 0 <= shape.bottom < (math.inf if shape.height is None else shape.height):
+        raise InputError(f"bottom must be 0 m or more and below the top, got {shape.bottom} and {shape.height}")
+    s, t = crossing(corners[:, None], along[:, None], corners[None], along[None])
     proper = (s > 1e-6) & (s < 1 - 1e-6) & (t > 1e-6) & (t < 1 - 1e-6)
-    if not proper.any():
-        return None
-    k = int(np.argmax(proper.any(1)))
-    place = a[k] + s[k][proper[k]][0] * d[k]
-    return float(place[0]), float(place[1])
+    if proper.any():
+        k, n = np.argwhere(proper)[0]
+        x, y = corners[k] + s[k, n] * along[k]
+        raise InputError(f"walls cross each other near ({x:.2f}, {y:.2f})")

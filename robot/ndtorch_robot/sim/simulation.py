@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -12,14 +11,13 @@ from torch import Tensor
 
 from ndtorch.navigation import Body, Rect, StereoRig, Strips
 from ndtorch_robot.ports import CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
-from ndtorch_robot.sim.cameras import Cameras, Frame, Motion
+from ndtorch_robot.sim.cameras import Cameras, CarMotion, Frame
 from ndtorch_robot.sim.car import Car, CarLimits
-from ndtorch_robot.sim.disturbances import Disturbances
-from ndtorch_robot.sim.disturbances.actuators import Delay
-from ndtorch_robot.sim.model import build
-from ndtorch_robot.sim.plan import Plan, Point
-from ndtorch_robot.sim.procedural_textures import Walls
+from ndtorch_robot.sim.disturbances import Disturbances, Effects
+from ndtorch_robot.sim.plan import Plan, Point, rectangle_touches
 from ndtorch_robot.sim.spawn_points import SpawnPoints
+from ndtorch_robot.sim.textures import Walls
+from ndtorch_robot.sim.world import PEDESTRIAN_RADIUS, build
 
 Odometry = Literal["true", "noisy"]
 
@@ -38,33 +36,8 @@ RIG = StereoRig(forward=0.15)
 BODY = Body()
 """The car of [A]."""
 
-UNDISTURBED = Disturbances()
-
 STATIONARY = 0.02
 """m/s: a car slower than this is stationary."""
-
-
-class Mover(NamedTuple):
-    """A cylinder that moves to and fro along a path.
-
-    Attributes:
-        points: of the path, m, at equal distances.
-        speed: m/s.
-        begins: distance along the path at time 0, m; it may lie beyond an end.
-    """
-
-    points: tuple[Point, ...]
-    speed: float
-    begins: float
-
-    def at(self, time: float) -> Point:
-        """Where it is at a time, s."""
-        points = np.array(self.points)
-        step = math.dist(*self.points[:2])
-        last = len(points) - 1
-        way = (self.begins + self.speed * time) / step % (2 * last)
-        x, y = (np.interp(min(way, 2 * last - way), np.arange(last + 1), axis) for axis in points.T)
-        return float(x), float(y)
 
 
 class Collision(NamedTuple):
@@ -73,7 +46,7 @@ class Collision(NamedTuple):
     Attributes:
         time: s.
         x, y, heading: of the car, m and radians.
-        person: it was the pedestrian, or another body that moves.
+        person: it was the pedestrian.
         stationary: the car was stationary, so that the other one hit it.
     """
 
@@ -95,15 +68,13 @@ class Simulation(Drive):
         plan: the building.
         seed: what it looks like, where the car starts and the pedestrian walks.
         walls: `"textured"` or `"blank"`.
-        pedestrian: a person-sized box walks to and fro.
+        pedestrian: somebody walks to and fro.
         odometry: what `driven` returns, exact or `"noisy"`.
         full_frames: render whole frames instead of strips.
         fields: the subfields to render; `rig.subfields()` by default.
         disturbances: of cameras and car.
         rate: frames a second of the cameras.
         body: of the robot.
-        movers: cylinders that move.
-        plain_cylinders: they are in plain coarse checks instead of the texture of pillars.
 
     Raises:
         InputError: a plan where the robot does not fit.
@@ -120,36 +91,29 @@ class Simulation(Drive):
         full_frames: bool = False,
         rig: StereoRig = RIG,
         fields: tuple[Rect, Rect] | None = None,
-        disturbances: Disturbances = UNDISTURBED,
+        disturbances: Disturbances | None = None,
         rate: float = 30.0,
         body: Body = BODY,
-        movers: Sequence[Mover] = (),
-        plain_cylinders: bool = False,
     ) -> None:
-        import mujoco
-
         self.plan, self.rig, self.odometry, self.pedestrian = plan, rig, odometry, pedestrian
-        self.disturbances, self.rate, self.body = disturbances, rate, body
-        self.movers = tuple(movers)
-        self.world = build(plan, seed, walls, pedestrian, rig, body, len(self.movers), plain_cylinders)
-        self.data = mujoco.MjData(self.world.model)
+        self.disturbances, self.rate, self.body = disturbances or Disturbances(), rate, body
+        self.half = np.array([body.length_m, body.width_m]) / 2
+        self.world = build(plan, seed, walls, pedestrian, rig, body)
+        self.cameras = Cameras(self.world, rig, fields, full_frames, self.disturbances)
         self.begin(seed)
-        self.cameras = Cameras(self.world.model, rig, fields, full_frames, disturbances.camera())
 
     def begin(self, seed: int) -> None:
         """Begin a drive in the same building. The seed draws the start, the path of the pedestrian and all chance."""
         rng = np.random.default_rng((seed, 200))
-        errors = self.disturbances.car()
-        self.effects = self.disturbances.start(np.random.default_rng((seed, 300)))
+        self.effects = Effects(self.disturbances, np.random.default_rng((seed, 300)))
         # The steering takes what the car of [A] needs to react.
-        self.delay = Delay(errors.delay + max(0.0, self.body.reaction_s - BODY.reaction_s))
-        self.car = Car(CarLimits.of(self.body), errors.backlash)
+        delay = self.disturbances.delay_s + max(0.0, self.body.reaction_s - BODY.reaction_s)
+        self.car = Car(CarLimits.of(self.body), self.disturbances.backlash_per_m, delay)
         self.steps = 0
         self.collisions: list[Collision] = []
         self.placed: Placed = None
         start = self.plan.start or self.spawn_points.random(rng)
         self.walk = self.spawn_points.walk(rng, (start[0], start[1])) if self.pedestrian else None
-        self.move_bodies()
         self.place(*start)
 
     @cached_property
@@ -163,14 +127,14 @@ class Simulation(Drive):
         return self.car.x, self.car.y, self.car.heading
 
     @property
-    def pedestrian_at(self) -> tuple[float, float] | None:
+    def pedestrian_at(self) -> Point | None:
+        """Where the pedestrian is, m."""
         if self.walk is None:
             return None
         (ax, ay), (bx, by) = self.walk
-        length = math.hypot(bx - ax, by - ay)
-        phase = (self.now() * WALK / length) % 2.0
-        share = phase if phase <= 1 else 2 - phase
-        return ax + share * (bx - ax), ay + share * (by - ay)
+        phase = (self.now() * WALK / math.hypot(bx - ax, by - ay)) % 2.0
+        part = min(phase, 2 - phase)
+        return ax + part * (bx - ax), ay + part * (by - ay)
 
     def now(self) -> float:
         return self.steps / SUBSTEPS
@@ -178,37 +142,21 @@ class Simulation(Drive):
     def wait_until(self, time: float) -> None:
         while self.steps < round(time * SUBSTEPS):
             self.steps += 1
-            arrived = self.delay.take(self.now())
-            if arrived is not None:
-                self.car.send(arrived)
-            self.car.advance(1 / SUBSTEPS)
-            self.move_bodies()
-            if self.touches():
+            self.car.advance(1 / SUBSTEPS, self.now())
+            person = self.touches_person()
+            if person or self.touches():
                 stationary = abs(self.car.speed) < STATIONARY
-                self.collisions.append(Collision(self.now(), *self.pose, self.touches_moving(), stationary))
+                self.collisions.append(Collision(self.now(), *self.pose, person, stationary))
                 self.respawn()
 
-    def move_bodies(self) -> None:
-        person, now = self.pedestrian_at, self.now()
-        places = [mover.at(now) for mover in self.movers]
-        for k, place in enumerate(places if person is None else [person, *places]):
-            self.data.mocap_pos[k] = [*place, 0.0]
-
     def touches(self, pose: tuple[float, float, float] | None = None) -> bool:
-        """Whether the car would touch anything at a pose, by default its own."""
-        import mujoco
+        """Whether the car would touch the building at a pose, by default its own."""
+        return rectangle_touches(pose or self.pose, self.half, self.world.walls, self.world.posts)
 
-        self.data.qpos[:] = self.pose if pose is None else pose
-        mujoco.mj_kinematics(self.world.model, self.data)
-        mujoco.mj_comPos(self.world.model, self.data)
-        mujoco.mj_collision(self.world.model, self.data)
-        return bool(self.data.ncon > 0)
-
-    def touches_moving(self) -> bool:
-        bodies = self.world.model.geom_bodyid
-        mocap = self.world.model.body_mocapid
-        pairs = (self.data.contact.geom1[: self.data.ncon], self.data.contact.geom2[: self.data.ncon])
-        return any(bool((mocap[bodies[geoms]] >= 0).any()) for geoms in pairs)
+    def touches_person(self) -> bool:
+        at = self.pedestrian_at
+        post = np.array([(*at, PEDESTRIAN_RADIUS)] if at else []).reshape(-1, 3)
+        return at is not None and rectangle_touches(self.pose, self.half, np.zeros((0, 2, 2)), post)
 
     def respawn(self) -> None:
         """Move the car to the nearest free place, away from the pedestrian, where it touches nothing."""
@@ -221,7 +169,6 @@ class Simulation(Drive):
         """Put the car somewhere; `take_placed` returns the pose once."""
         self.car.place(x, y, heading)
         self.placed = (x, y, heading)
-        self.touches()
 
     def take_placed(self) -> Placed:
         """The pose to which the car was moved since the last call, or None."""
@@ -236,33 +183,28 @@ class Simulation(Drive):
 
     def loses_frame(self) -> bool:
         """Whether this frame never arrives; to be asked once a frame before `capture`, as `read` does."""
-        return any(effect.loses_frame() for effect in self.effects)
+        return self.effects.loses_frame()
 
     def capture(self) -> StereoFrames:
         """The frames that arrive now."""
-        now = self.now()
-        seen = self.cameras.look(self.data, *self.pose, Motion(self.car.speed, self.car.curvature))
-        left, right = (self.sensed(frame, side, now) for side, frame in enumerate(seen))
-        frames = StereoFrames(left, right, now)
-        for effect in self.effects:
-            frames = effect.deliver(frames)
-        return frames
+        now, at = self.now(), self.pedestrian_at
+        if at is not None:
+            count = len(self.world.person)
+            self.world.corners[-count:, :, :2] = self.world.person[:, :, :2] + at
+        frames = self.cameras.look(*self.pose, CarMotion(self.car.speed, self.car.curvature))
+        left, right = (self.sensed(frame, side, now) for side, frame in enumerate(frames))
+        return self.effects.deliver(StereoFrames(left, right, now))
 
     def sensed(self, frame: Frame, side: int, time: float) -> Frame:
-        if not self.effects:
-            return frame
+        """A frame of one side as its sensor gives it."""
         if not isinstance(frame, Strips):
             return self.sensed_part(frame, 0, time)
         tops = (rect.top for rect in self.cameras.strips[side])
         return Strips(*(self.sensed_part(part, top, time) for part, top in zip(frame, tops, strict=True)))
 
     def sensed_part(self, pixels: Tensor, top: int, time: float) -> Tensor:
-        """Rows of a frame, the first of which is `top`, as the sensor gives them."""
         rows = top + np.arange(pixels.shape[-2], dtype=np.float64)
-        row_times = time + self.cameras.errors.readout * (rows / self.rig.height - 0.5)
-        for effect in self.effects:
-            pixels = effect.image(pixels, time, row_times)
-        return pixels
+        return self.effects.image(pixels, time, time + self.disturbances.readout_s * (rows / self.rig.height - 0.5))
 
     def send(self, command: SafeCommand) -> DriveCommand:
         """Drive like this from now on."""
@@ -270,26 +212,18 @@ class Simulation(Drive):
 
     def obey(self, command: DriveCommand) -> DriveCommand:
         """Drive like this after the delay of the car; returns what it will do."""
-        if not self.delay.seconds:
-            return self.car.send(command)
-        will_do = self.car.within(command)
-        self.delay.put(will_do, self.now())
-        return will_do
+        return self.car.send(command, self.now())
 
     def resume(self) -> bool:
         """Nothing to do: this drive obeys at once after a stop."""
         return True
 
     def stop(self) -> None:
-        self.delay.clear()
-        self.car.send(DriveCommand(0.0, 0.0))
-        self.car.speed = 0.0
+        self.car.stop()
 
     def driven(self) -> DriveCommand:
         """What the wheels say they did since this was last asked."""
-        driven = self.car.driven()
-        for effect in self.effects:
-            driven = effect.odometry(driven, self.now())
+        driven = self.effects.odometry(self.car.driven(), self.now())
         speed, curvature = driven
         if self.odometry == "noisy" and speed != 0:
             return DriveCommand(speed * (1 + SCALE_ERROR), (curvature + DRIFT / speed) / (1 + SCALE_ERROR))
@@ -299,4 +233,4 @@ class Simulation(Drive):
         return self, self
 
     def close(self) -> None:
-        self.cameras.close()
+        """Nothing to give back."""

@@ -29,8 +29,7 @@ class SpawnPoints:
         left, right, bottom, top = plan.bounds
         step = STEP * min(1.0, 2 * unit)
         x, y = np.arange(left, right, step) + step / 2, np.arange(bottom, top, step) + step / 2
-        grid = np.meshgrid(x, y, indexing="ij")
-        points = np.stack([axis.ravel() for axis in grid], -1)
+        points = np.stack([axis.ravel() for axis in np.meshgrid(x, y, indexing="ij")], -1)
         clear = plan.clearance(points)
         self.free = points[clear > 0]
         self.points = points[clear >= min(0.6 * unit, 0.95 * float(clear.max()))]
@@ -38,17 +37,18 @@ class SpawnPoints:
             raise InputError(f"arena {plan.name}: nowhere as wide as the robot needs ({0.7 * unit:.3g} m)")
 
     def random(self, rng: np.random.Generator) -> tuple[float, float, float]:
-        x, y = self.points[int(rng.integers(len(self.points)))]
-        return float(x), float(y), self.heading(float(x), float(y))
+        x, y = self.points[int(rng.integers(len(self.points)))].tolist()
+        return x, y, self.heading(x, y)
 
     def by_distance(self, x: float, y: float, away_from: Point | None = None) -> Iterator[tuple[float, float, float]]:
         """All places at least 1.2 m from `away_from`, the nearest first, each with its best heading."""
-        points = self.points
-        if away_from is not None:
-            far = np.hypot(*(points - np.array(away_from)).T) > 1.2
-            points = points[far] if far.any() else points
+        points = self.far_from(away_from, 1.2)
         for k in np.hypot(*(points - np.array((x, y))).T).argsort(kind="stable"):
             yield float(points[k][0]), float(points[k][1]), self.heading(float(points[k][0]), float(points[k][1]))
+
+    def far_from(self, place: Point | None, least: float) -> Floats:
+        far = np.hypot(*(self.points - np.array(place or (math.inf, 0.0))).T) > least
+        return self.points[far] if far.any() else self.points
 
     def heading(self, x: float, y: float) -> float:
         """Of 24 directions the one in which a car can drive farthest."""
@@ -65,23 +65,20 @@ class SpawnPoints:
         best = np.where((np.abs(aside) <= half_width) & (ahead > 0), ahead, np.inf).min((1, 2))
         along, across = np.diff(ahead)[..., 0], np.diff(aside)[..., 0]
         for edge in (-half_width, half_width):
-            share = (edge - aside[..., 0]) / np.where(across == 0, np.nan, across)
-            at = ahead[..., 0] + share * along
-            best = np.minimum(best, np.where((share >= 0) & (share <= 1) & (at > 0), at, np.inf).min(1))
+            ratio = (edge - aside[..., 0]) / np.where(across == 0, np.nan, across)
+            at = ahead[..., 0] + ratio * along
+            best = np.minimum(best, np.where((ratio >= 0) & (ratio <= 1) & (at > 0), at, np.inf).min(1))
         return np.asarray(best)
 
     def walk(self, rng: np.random.Generator, avoid: Point) -> tuple[Point, Point]:
         """Two places with nothing in between, at most 4 m apart and away from `avoid`, to walk to and fro."""
-        far = np.hypot(*(self.points - np.array(avoid)).T) > 2.0
-        points = self.points[far] if far.any() else self.points
-        best: tuple[float, Point, Point] | None = None
+        points, best, ends = self.far_from(avoid, 2.0), 0.0, None
         for _ in range(20):
-            x, y = (float(v) for v in points[int(rng.integers(len(points)))])
+            x, y = points[int(rng.integers(len(points)))].tolist()
             angle = float(rng.uniform(0, 2 * math.pi))
             length = min(4.0, float(self.lengths(x, y, np.array([angle]), 0.35)[0]) - 0.5)
-            end = (x + length * math.cos(angle), y + length * math.sin(angle))
-            if length > 0 and (best is None or length > best[0]):
-                best = (length, (x, y), end)
-        if best is None:
+            if length > best:
+                best, ends = length, ((x, y), (x + length * math.cos(angle), y + length * math.sin(angle)))
+        if ends is None:
             raise InputError(f"arena {self.plan.name} has no room for a pedestrian")
-        return best[1], best[2]
+        return ends

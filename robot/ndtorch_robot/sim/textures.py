@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch_robot.sim.plan import Floats, Plan, Ring
+from ndtorch.errors import InputError
+
+if TYPE_CHECKING:
+    from ndtorch_robot.sim.plan import Plan, Ring
 
 Walls = Literal["textured", "blank"]
+Pattern = Literal["carpet", "tiles", "checker", "smooth", "lines"]
 Image = npt.NDArray[np.uint8]
+Array = npt.NDArray[Any]
 
-ALONG, UPWARD = 256, 64
-"""Texels per metre along a wall and upward: the cameras resolve 2 mm at 1 m along the row they range with."""
-
-FLOOR = 128
-"""Texels per metre of floor."""
+ALONG, UPWARD, FLOOR = 256, 64, 128
+"""Texels per metre along a wall, upward, and of floor: the cameras resolve 2 mm at 1 m along the row they range with."""
 
 COLORS = {
     "wall": (0.80, 0.77, 0.70),
@@ -28,6 +31,66 @@ COLORS = {
     "pillar": (0.58, 0.58, 0.60),
     "furniture": (0.55, 0.40, 0.26),
 }
+KINDS = tuple(COLORS)
+"""What a surface can look like."""
+
+PATTERNS: dict[str, tuple[float, float, float]] = {
+    "carpet": (1.0, 0.0, 0.03),
+    "tiles": (0.3, 0.006, 0.01),
+    "checker": (0.25, 0.0, 0.01),
+    "smooth": (1.0, 0.0, 0.0015),
+    "lines": (2.5, 0.03, 0.03),
+}
+"""By default: metres from joint to joint, check to check and line to line; how wide joints and lines are, m; and the
+standard deviation of the brightness of the material itself, where one level of 256 is 0.004."""
+
+DARK, CHECKS, TONES = 0.35, (0.65, 1.35), 0.05
+"""Brightness of joints and lines, and of the two kinds of checks, relative to the floor; spread of whole tiles."""
+
+
+@dataclass(frozen=True)
+class Floor:
+    """What a floor looks like.
+
+    Args:
+        pattern: `"carpet"`, `"tiles"` with dark joints, `"checker"`, `"smooth"` (almost no texture), or `"lines"`:
+            carpet with dark lines across x, such as sills and cables.
+        size: metres from one to the next; 0 is that of `PATTERNS`.
+
+    Raises:
+        InputError: a pattern or size that cannot be.
+    """
+
+    pattern: Pattern = "carpet"
+    size: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.pattern not in PATTERNS:
+            raise InputError(f"floor must be one of {', '.join(PATTERNS)}, got {self.pattern!r}")
+        if self.size and not PATTERNS[self.pattern][1] < self.size < math.inf:
+            raise InputError(f"floor: size must be larger than its lines, got {self.size}")
+
+    def light(self, x: Array, y: Array, rng: np.random.Generator) -> Array | float:
+        """Brightness of texels at those middles, m, as a factor `[rows, columns]`."""
+        if self.pattern in ("carpet", "smooth"):
+            return 1.0
+        step, width = self.size or PATTERNS[self.pattern][0], PATTERNS[self.pattern][1]
+        column, row = np.floor(x / step).astype(int), np.floor(y / step).astype(int)
+        if self.pattern == "checker":
+            return np.where((column + row[:, None]) % 2 == 1, *CHECKS).astype(np.float32)
+        across, along = (1 - (1 - DARK) * covered(axis, step, width) for axis in (x, y))
+        if self.pattern == "lines":
+            return across
+        column, row = column - column.min(), row - row.min()
+        tones = 1 + TONES * rng.standard_normal((row.max() + 1, column.max() + 1))
+        return (tones[row][:, column] * np.minimum(across, along[:, None])).astype(np.float32)
+
+
+def covered(middles: Array, step: float, width: float) -> Array:
+    """Part of each texel that bands of this width about the multiples of `step` cover."""
+    away = np.abs(middles - np.round(middles / step) * step)
+    part = np.clip(((width + 1 / FLOOR) / 2 - away) * FLOOR, 0.0, min(1.0, width * FLOOR))
+    return np.asarray(part, np.float32)
 
 
 class Surface(NamedTuple):
@@ -48,8 +111,7 @@ def ring_textures(shape: Ring, ceiling: float, rng: np.random.Generator, walls: 
     stretches without any texture. `walls="blank"` leaves all but the color away.
     """
     height = min(shape.height or ceiling, ceiling)
-    corners = shape.array
-    sides = np.roll(corners, -1, 0) - corners
+    sides = shape.sides[:, 1] - shape.sides[:, 0]
     lengths = np.hypot(*sides.T)
     style = RingStyle(float(lengths.sum()), rng)
     rows = max(1, round((height - shape.bottom) * UPWARD))
@@ -62,10 +124,10 @@ def ring_textures(shape: Ring, ceiling: float, rng: np.random.Generator, walls: 
         lit = 0.9 + 0.1 * math.cos(math.atan2(dx, -dy) - 0.7)
         plain = walls == "blank" or kind == "blank"
         light = np.ones((rows, columns)) if plain else style.light(kind, s, begin, length, z, rng)
-        color = np.array(COLORS[kind])
-        texels = light[..., None] * lit * color
+        texels = light[..., None] * lit * np.array(COLORS[kind])
         if not plain and kind == "wall":
-            style.paper(texels, begin + s, z)
+            for (middle, width, low, high), color in zip(style.papers, style.paper_colors, strict=True):
+                texels[(np.abs(begin + s - middle) < width / 2) & (z > low) & (z < low + high)] = color
         painted.append(Surface(to_bytes(texels), height, shape.bottom))
         begin += length
     return painted
@@ -82,19 +144,12 @@ class RingStyle:
         self.texture = np.where(widths == 2.0, 0.0, rng.uniform(0.5, 1.5, len(widths)))
         self.knots = rng.normal(0, 0.04, int(length / 0.7) + 3)
         count = int(length / 2.5)
-        self.papers = np.stack(
-            (
-                rng.uniform(0, length, count),
-                rng.uniform(0.1, 0.45, count),
-                rng.uniform(1.2, 1.5, count),
-                rng.uniform(0.2, 0.4, count),
-            ),
-            -1,
-        )
+        ranges = ((0, length), (0.1, 0.45), (1.2, 1.5), (0.2, 0.4))  # middle, width, lower side, height
+        self.papers = np.stack([rng.uniform(*ends, count) for ends in ranges], -1)
         self.tone = float(rng.uniform(0.85, 1.1))
         self.paper_colors = rng.uniform(0.25, 0.95, (count, 3))
 
-    def light(self, kind: str, s: Floats, begin: float, length: float, z: Floats, rng: np.random.Generator) -> Floats:
+    def light(self, kind: str, s: Array, begin: float, length: float, z: Array, rng: np.random.Generator) -> Array:
         """Brightness `[rows, columns]` as a factor on the color."""
         along = begin + s
         uneven = np.interp(along, np.arange(len(self.knots)) * 0.7, self.knots)
@@ -119,49 +174,40 @@ class RingStyle:
             return np.asarray(light * fronts[np.searchsorted(drawers, s)] + 0.02 * grain)
         return np.asarray(light * self.tone + (0.03 if kind == "pillar" else 0.01) * grain)
 
-    def paper(self, texels: Floats, along: Floats, z: Floats) -> None:
-        """Put the papers that hang here on the wall, in place."""
-        for (place, width, low, high), color in zip(self.papers, self.paper_colors, strict=True):
-            texels[(np.abs(along - place) < width / 2) & (z > low) & (z < low + high)] = color
 
-
-def floor_texture(plan: Plan, rng: np.random.Generator) -> tuple[Image, tuple[float, ...]]:
+def floor_texture(plan: Plan, rng: np.random.Generator) -> tuple[Image, tuple[float, float, float, float]]:
     """The floor under the whole building, and its bounds (left, right, bottom, top) in m.
 
-    The brightness of its material varies on scales from 8 mm to half a metre; `Floor` has its spread and its pattern.
+    The brightness of its material varies on scales from 8 mm to half a metre.
     """
     import cv2
-
-    spread = plan.floor.spread
 
     left, right, bottom, top = plan.bounds
     columns, rows = math.ceil((right - left + 0.4) * FLOOR), math.ceil((top - bottom + 0.4) * FLOOR)
     carpet = np.zeros((rows, columns), np.float32)
-    for texels, share in ((1, 0.55), (2, 0.55), (8, 0.45), (64, 0.45)):
+    for texels, weight in ((1, 0.55), (2, 0.55), (8, 0.45), (64, 0.45)):
         coarse = rng.standard_normal((rows // texels + 2, columns // texels + 2), dtype=np.float32)
         if texels > 1:
-            coarse = np.asarray(
-                cv2.resize(coarse, None, fx=texels, fy=texels, interpolation=cv2.INTER_CUBIC), np.float32
-            )
+            coarse = np.asarray(cv2.resize(coarse, None, fx=texels, fy=texels, interpolation=cv2.INTER_CUBIC))
         layer = coarse[:rows, :columns]
-        carpet += layer * (share * spread / float(layer.std()))
+        carpet += layer * (weight * PATTERNS[plan.floor.pattern][2] / float(layer.std()))
     x = np.asarray(left - 0.2 + (np.arange(columns) + 0.5) / FLOOR, np.float32)
     y = np.asarray(bottom - 0.2 + (rows - np.arange(rows) - 0.5) / FLOOR, np.float32)
-    light = plan.floor.light(x, y, 1 / FLOOR, rng)
-    if light is not None:
-        carpet = (0.45 + carpet) * light - 0.45
-    image = to_bytes((0.45 + carpet)[..., None] * np.array([1.0, 0.97, 0.93], np.float32))
+    carpet = (0.45 + carpet) * plan.floor.light(x, y, rng)
+    image = to_bytes(carpet[..., None] * np.array([1.0, 0.97, 0.93], np.float32))
     return image, (left - 0.2, left - 0.2 + columns / FLOOR, bottom - 0.2, bottom - 0.2 + rows / FLOOR)
 
 
 def ceiling_texture(rows: int = 256, columns: int = 256) -> Image:
+    """Panels with lamps; repeated over the building."""
     y, x = np.mgrid[0:rows, 0:columns]
     lamp = ((x // 16) % 4 == 1) & ((y // 16) % 4 == 1)
     joint = (x % 16 == 0) | (y % 16 == 0)
     return to_bytes(np.where(lamp, 0.98, np.where(joint, 0.62, 0.72))[..., None] * np.ones(3))
 
 
-def to_bytes(values: npt.NDArray[np.floating]) -> Image:
+def to_bytes(values: Array) -> Image:
+    """Brightness 0..1 as uint8."""
     return np.asarray(np.clip(values * 255 + 0.5, 0, 255), dtype=np.uint8)
 
 
@@ -179,35 +225,23 @@ def pack(surfaces: list[Surface], width: int = 8192, margin: int = 4) -> tuple[I
 
     Every patch has a margin that repeats its border, so that no filter sees its neighbours.
     """
-    longest = width - 2 * margin
-    pieces: list[tuple[int, Image]] = []
+    pieces: list[tuple[int, Image, int, int]] = []
+    x = y = tall = 0
     for k, surface in enumerate(surfaces):
         columns = surface.texels.shape[1]
-        parts = math.ceil(columns / longest)
-        cuts = [round(columns * n / parts) for n in range(parts + 1)]
-        pieces += [(k, surface.texels[:, a:b]) for a, b in itertools.pairwise(cuts)]
-    places, x, y, tall = [], 0, 0, 0
-    for _, texels in pieces:
-        rows, columns = texels.shape[0] + 2 * margin, texels.shape[1] + 2 * margin
-        if x + columns > width:
-            x, y, tall = 0, y + tall, 0
-        places.append((x, y))
-        x, tall = x + columns, max(tall, rows)
+        parts = math.ceil(columns / (width - 2 * margin))
+        for a, b in itertools.pairwise(round(columns * n / parts) for n in range(parts + 1)):
+            padded = np.pad(surface.texels[:, a:b], ((margin, margin), (margin, margin), (0, 0)), "edge")
+            if x + padded.shape[1] > width:
+                x, y, tall = 0, y + tall, 0
+            pieces.append((k, padded, x, y))
+            x, tall = x + padded.shape[1], max(tall, padded.shape[0])
     height = y + tall
     atlas = np.zeros((height, width, 3), np.uint8)
     patches: list[list[AtlasRect]] = [[] for _ in surfaces]
-    for (k, texels), (x, y) in zip(pieces, places, strict=True):
-        rows, columns = texels.shape[:2]
-        padded = np.pad(texels, ((margin, margin), (margin, margin), (0, 0)), "edge")
-        atlas[y : y + rows + 2 * margin, x : x + columns + 2 * margin] = padded
-        u, v = x + margin, y + margin
-        patches[k].append(AtlasRect(u / width, (u + columns) / width, 1 - (v + rows) / height, 1 - v / height))
+    for k, padded, x, y in pieces:
+        rows, columns = padded.shape[:2]
+        atlas[y : y + rows, x : x + columns] = padded
+        ends = (x + margin) / width, (x + columns - margin) / width
+        patches[k].append(AtlasRect(*ends, 1 - (y + rows - margin) / height, 1 - (y + margin) / height))
     return atlas, patches
-
-
-def profile(surface: Surface, height: float) -> Floats:
-    """Brightness along a surface at one height, 0..1."""
-    rows = len(surface.texels)
-    share = (height - surface.bottom) / (surface.height - surface.bottom)
-    row = min(max(rows - 1 - int(share * rows), 0), rows - 1)
-    return np.asarray(surface.texels[row].mean(-1) / 255.0)

@@ -12,13 +12,73 @@ from typing import Any
 import numpy as np
 
 from ndtorch.utils.jit import jit
-from ndtorch_robot.sim.render._kernels_textures import sample_bilinear, sample_trilinear
 
 Array = Any
 
-i32, f32, u8 = np.int32, np.float32, np.uint8
+i32, u32, f32, u8 = np.int32, np.uint32, np.float32, np.uint8
+PAIR, BYTE, HALF, ALL = u32(0xFF00FF), u32(8), u32(0x800080), u32(256)
+MIDDLE = f32(128.5)
+"""Half a texel of the border, and half a unit to round with, in 256ths of a texel."""
 ONE = i32(0x3F800000)
 """The bits of 1.0: a float's bits less these are its binary logarithm, straight from power to power."""
+
+
+@jit
+def mix(a: Any, b: Any, share: Any) -> Any:
+    """`a` and `b` mixed, with `share` 256ths of `b`, rounded; two channels each."""
+    weighed = u32(u32(a * u32(ALL - share)) + u32(b * share))
+    mixed: Any = u32(u32(u32(weighed + HALF) >> BYTE) & PAIR)
+    return mixed
+
+
+@jit
+def bilinear(u: float, v: float, texels: Array, start: int, stride: int, wide: float, high: float) -> tuple[Any, Any]:
+    """A mipmap's color between four texels: red with blue, and green.
+
+    Args:
+        u, v: 0..1 of its width and height.
+        texels: `[N]` uint32: red, green, blue from the lowest byte; each mipmap has a border of one texel.
+        start, stride: where the mipmap begins, and its texels from row to row.
+        wide, high: its size in 256ths of a texel.
+    """
+    s, t = i32(u * wide + MIDDLE), i32(v * high + MIDDLE)
+    x, y = u32(s & 255), u32(t & 255)
+    at = i32(i32(start + i32(i32(t >> 8) * stride)) + i32(s >> 8))
+    a, b, c, d = texels[at], texels[at + 1], texels[at + stride], texels[at + stride + 1]
+    above = mix(u32(a & PAIR), u32(b & PAIR), x)
+    below = mix(u32(c & PAIR), u32(d & PAIR), x)
+    green_above = mix(u32(u32(a >> BYTE) & PAIR), u32(u32(b >> BYTE) & PAIR), x)
+    green_below = mix(u32(u32(c >> BYTE) & PAIR), u32(u32(d >> BYTE) & PAIR), x)
+    return mix(above, below, y), mix(green_above, green_below, y)
+
+
+@jit
+def sample_bilinear(u: Array, v: Array, texels: Array, mipmap: Array, line: Array) -> None:
+    """Colors `[n]` of one mipmap. `mipmap`: where it begins, its width and its height in texels, `[3]` int32."""
+    start, stride = mipmap[0], i32(mipmap[1] + 2)
+    wide, high = f32(mipmap[1] * 256), f32(mipmap[2] * 256)
+    for k in range(line.shape[0]):
+        both, green = bilinear(u[k], v[k], texels, start, stride, wide, high)
+        line[k] = u32(both | u32(green << BYTE))
+
+
+@jit
+def sample_trilinear(u: Array, v: Array, shares: Array, texels: Array, mipmaps: Array, line: Array) -> None:
+    """Colors `[n]` between two mipmaps.
+
+    Args:
+        shares: weight of the second mipmap, 256ths in the lowest eight bits, `[n]` int32.
+        mipmaps: two, each as `mipmap` of `sample_bilinear`, `[2, 3]`.
+    """
+    start, stride = mipmaps[0, 0], i32(mipmaps[0, 1] + 2)
+    wide, high = f32(mipmaps[0, 1] * 256), f32(mipmaps[0, 2] * 256)
+    next_start, next_stride = mipmaps[1, 0], i32(mipmaps[1, 1] + 2)
+    next_wide, next_high = f32(mipmaps[1, 1] * 256), f32(mipmaps[1, 2] * 256)
+    for k in range(line.shape[0]):
+        both, green = bilinear(u[k], v[k], texels, start, stride, wide, high)
+        small, small_green = bilinear(u[k], v[k], texels, next_start, next_stride, next_wide, next_high)
+        share = u32(shares[k] & 255)
+        line[k] = u32(mix(both, small, share) | u32(mix(green, small_green, share) << BYTE))
 
 
 @jit

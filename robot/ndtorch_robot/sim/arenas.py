@@ -1,14 +1,21 @@
-"""Buildings: hallway, curve, loop and room, whose walls the seed moves about; office and random, which it lays out."""
+"""Arenas: functions from a seed to a plan. The seed moves the walls of hallway, curve, loop and room about, and lays out
+office and random; no controller was developed in the others: floors, thin and low obstacles, narrow places.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from ndtorch_robot.sim.arenas.registry import arena
-from ndtorch_robot.sim.plan import Plan, Ring, circle, ring, square
-from ndtorch_robot.sim.shapes import Box, box_ring, trace
+from ndtorch.errors import InputError, did_you_mean
+from ndtorch_robot.sim.arena_file import read_arena
+from ndtorch_robot.sim.plan import Plan, Point, Ring, circle, cylinder, ring
+from ndtorch_robot.sim.shapes import Box, box_ring, chair_rings, table_rings, trace
+from ndtorch_robot.sim.textures import Floor
 
 DOOR_SPACING = 1.308
 """Metres between neighbouring doors, as measured in the hallway of [A §2.3]."""
@@ -16,7 +23,6 @@ DOOR_SPACING = 1.308
 DOOR_WIDTH, NICHE = 0.91, 0.10
 
 
-@arena("hallway")
 def hallway(seed: int) -> Plan:
     """A straight hallway, 18 x 2 m: niches with doors 1.308 m apart on both sides, pillars, end walls."""
     rng = np.random.default_rng((seed, 1))
@@ -43,7 +49,6 @@ def hallway(seed: int) -> Plan:
     return Plan("hallway", outline, solids, start, tuple(doors), DOOR_SPACING)
 
 
-@arena("curve")
 def curve(seed: int) -> Plan:
     """A hallway bent into a ring: outer radius 12 m, width 2.4 m."""
     rng = np.random.default_rng((seed, 2))
@@ -56,7 +61,6 @@ def curve(seed: int) -> Plan:
     return Plan("curve", walls, (core,), start)
 
 
-@arena("loop")
 def loop(seed: int) -> Plan:
     """A corridor around a block: 13 x 10 m outside, 2.2 m wide, with some doors and a few pillars."""
     rng = np.random.default_rng((seed, 3))
@@ -74,7 +78,6 @@ def loop(seed: int) -> Plan:
     return Plan("loop", outline, solids, (float(rng.uniform(2.5, 5.0)), wide / 2, 0.0))
 
 
-@arena("room")
 def room(seed: int) -> Plan:
     """A room of 8 x 8 m with two doors and five pillars, round and square."""
     rng = np.random.default_rng((seed, 4))
@@ -91,13 +94,12 @@ def room(seed: int) -> Plan:
     solids = tuple(
         ring(circle(*p, float(rng.uniform(0.15, 0.3)), 16), "pillar", solid=True)
         if k % 2
-        else ring(square(*p, float(rng.uniform(0.3, 0.5)), float(rng.uniform(0, 1.57))), "pillar", solid=True)
+        else ring(circle(*p, float(rng.uniform(0.3, 0.5)) / math.sqrt(2), 4, float(rng.uniform(0, 1.57))), "pillar", solid=True)
         for k, p in enumerate(pillars)
     )
     return Plan("room", outline, solids)
 
 
-@arena("office")
 def office(seed: int) -> Plan:
     """A corridor, 14 x 2 m, with six furnished rooms behind open doors, 14 x 11 m in all."""
     rng = np.random.default_rng((seed, 5))
@@ -135,7 +137,6 @@ def furniture(room: Box, gap: Box, rng: np.random.Generator) -> list[Box]:
     return boxes
 
 
-@arena("random")
 def random_building(seed: int) -> Plan:
     """Rooms on a 4 x 3 grid, joined by a random tree of corridors and a few more; pillars in the large ones."""
     rng = np.random.default_rng((seed, 6))
@@ -172,3 +173,138 @@ def beside(cell: tuple[int, int], columns: int, rows: int) -> list[tuple[int, in
     i, j = cell
     around = [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]
     return [(a, b) for a, b in around if 0 <= a < columns and 0 <= b < rows]
+
+
+def tiles(seed: int) -> Plan:
+    """The loop with a floor of tiles, 30 cm, with dark joints of 6 mm."""
+    return replace(loop(seed), name="tiles", floor=Floor("tiles"))
+
+
+def checker(seed: int) -> Plan:
+    """The loop with a floor of light and dark checks, 25 cm."""
+    return replace(loop(seed), name="checker", floor=Floor("checker"))
+
+
+def smooth(seed: int) -> Plan:
+    """The loop with a floor almost without texture."""
+    return replace(loop(seed), name="smooth", floor=Floor("smooth"))
+
+
+def lines(seed: int) -> Plan:
+    """The hallway with dark lines, 3 cm wide, across its floor every 2.5 m."""
+    return replace(hallway(seed), name="lines", floor=Floor("lines"))
+
+
+def chairs(seed: int) -> Plan:
+    """A room of 7 x 7 m with five chairs and a table, on legs 3 cm wide."""
+    rng = np.random.default_rng((seed, 10))
+    side = 7.0
+    outline, _ = trace([Box(0, 0, side, side)])
+    places = scattered(rng, 6, 1.3, side - 1.3, 1.7)
+    solids = [part for x, y in places[:5] for part in chair_rings(x, y, float(rng.uniform(0, math.pi / 2)))]
+    x, y = places[5]
+    solids += table_rings(Box(x - 0.6, y - 0.35, x + 0.6, y + 0.35), 0.72)
+    return Plan("chairs", outline, tuple(solids))
+
+
+def slalom(seed: int) -> Plan:
+    """A hall of 12 x 3 m with poles 5 cm wide, left and right in turn."""
+    rng = np.random.default_rng((seed, 11))
+    outline, _ = trace([Box(0, 0, 12.0, 3.0)])
+    xs = 2.2 + 1.3 * np.arange(7)
+    ys = 1.5 + np.where(np.arange(7) % 2, 0.4, -0.4) + rng.uniform(-0.15, 0.15, 7)
+    poles = tuple(cylinder(float(x), float(y), 0.025, 1.2, 8) for x, y in zip(xs, ys, strict=True))
+    return Plan("slalom", outline, poles, (0.6, 1.5, 0.0))
+
+
+def sofa(seed: int) -> Plan:
+    """A room of 6 x 5 m with two sofas that have 12 cm of air below them."""
+    rng = np.random.default_rng((seed, 12))
+    outline, _ = trace([Box(0, 0, 6.0, 5.0)])
+    x, y = float(rng.uniform(1.5, 2.5)), float(rng.uniform(2.0, 2.4))
+    free = box_ring(Box(x, y, x + 1.9, y + 0.85), 0.75, 0.12)
+    at = float(rng.uniform(0.8, 3.2))
+    at_wall = box_ring(Box(at, 0.01, at + 1.9, 0.86), 0.75, 0.12)
+    return Plan("sofa", outline, (free, at_wall))
+
+
+def dead_end(seed: int) -> Plan:
+    """A corridor 1.0 m wide that ends after 3.5 m; the car starts in it, its back to a room of 4 x 4 m."""
+    rng = np.random.default_rng((seed, 13))
+    y = float(rng.uniform(0.6, 2.4))
+    outline, solids = trace([Box(0, 0, 4.0, 4.0), Box(4.0, y, 7.5, y + 1.0)])
+    return Plan("dead-end", outline, solids, (4.6, y + 0.5, 0.0))
+
+
+def door_61(seed: int) -> Plan:
+    """Two rooms of 4 x 4 m with a thin wall between and a door of 0.61 m in it."""
+    return doorway(seed, "door-61", 0.61)
+
+
+def door_81(seed: int) -> Plan:
+    """Two rooms of 4 x 4 m with a thin wall between and a door of 0.81 m in it."""
+    return doorway(seed, "door-81", 0.81)
+
+
+def doorway(seed: int, name: str, wide: float) -> Plan:
+    rng = np.random.default_rng((seed, 14))
+    y = float(rng.uniform(0.8, 3.2 - wide))
+    rooms = [Box(0, 0, 4.0, 4.0), Box(4.08, 0, 8.08, 4.0), Box(4.0, y, 4.08, y + wide, "jamb")]
+    outline, solids = trace(rooms)
+    start = (float(rng.uniform(1.0, 1.6)), float(rng.uniform(1.2, 2.8)), 0.0)
+    return Plan(name, outline, solids, start)
+
+
+def t_junction(seed: int) -> Plan:
+    """A corridor of 10 x 1.6 m with a stem of the same width and 5 m length in the middle of one side."""
+    rng = np.random.default_rng((seed, 15))
+    wide, x = 1.6, float(rng.uniform(3.6, 4.8))
+    outline, solids = trace([Box(0, 0, 10.0, wide), Box(x, wide, x + wide, wide + 5.0)])
+    return Plan("t-junction", outline, solids, (0.8, wide / 2, 0.0))
+
+
+def scattered(rng: np.random.Generator, count: int, low: float, high: float, least: float) -> list[Point]:
+    """Places in a square, at least so far from each other; fewer far ones where they do not fit."""
+    found: list[Point] = []
+    tries = 0
+    while len(found) < count:
+        x, y = (float(v) for v in rng.uniform(low, high, 2))
+        tries += 1
+        if all(math.dist((x, y), other) > least * 0.98 ** (tries // 50) for other in found):
+            found.append((x, y))
+    return found
+
+
+BUILDINGS: dict[str, Callable[[int], Plan]] = {
+    "hallway": hallway,
+    "curve": curve,
+    "loop": loop,
+    "room": room,
+    "office": office,
+    "random": random_building,
+}
+TESTS: dict[str, Callable[[int], Plan]] = {
+    "tiles": tiles,
+    "checker": checker,
+    "smooth": smooth,
+    "lines": lines,
+    "chairs": chairs,
+    "slalom": slalom,
+    "sofa": sofa,
+    "dead-end": dead_end,
+    "door-61": door_61,
+    "door-81": door_81,
+    "t-junction": t_junction,
+}
+ARENAS = BUILDINGS | TESTS
+"""All arenas by name."""
+
+
+def load_arena(name: str, seed: int = 0) -> Plan:
+    """The plan of an arena by name, or of a file that ends in `.toml`."""
+    if name.endswith(".toml"):
+        return read_arena(Path(name))
+    if name not in ARENAS:
+        known = ", ".join(ARENAS)
+        raise InputError(f"no arena {name!r}, choose one of {known} or a .toml file{did_you_mean(name, ARENAS)}")
+    return ARENAS[name](seed)

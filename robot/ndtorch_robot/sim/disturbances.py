@@ -1,0 +1,175 @@
+"""Disturbances of a simulated drive: one table of keys, and what they do to frames and odometer during a drive."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+from pydantic import Field
+
+from ndtorch.errors import InputError, did_you_mean
+from ndtorch.utils.toml import Strict, check
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+
+Array = Any
+Degrees = Annotated[float, Field(ge=-10, le=10)]
+Ratio = Annotated[float, Field(ge=0, le=1)]
+Often = Annotated[float, Field(ge=0, le=0.9)]
+ErrorRatio = Annotated[float, Field(ge=-0.5, le=0.5)]
+Seconds = Annotated[float, Field(ge=0, le=1)]
+Exposure = Annotated[float, Field(ge=0, le=0.1)]
+
+EXPOSURE_PERIOD, FLICKER_HZ = 3.0, 100.07
+"""Period of swings of exposure, s, and frequency of lamps: at exactly 100 Hz the phase would repeat after 3 frames."""
+
+PRESETS = {
+    "noise": "noise_sigma=0.05",
+    "exposure": "exposure_ratio=0.5",
+    "flicker": "flicker_ratio=0.1",
+    "dark": "darkness_ratio=0.85,noise_sigma=0.01",
+    "blur": "shutter_s=0.02",
+    "rolling": "readout_s=0.03",
+    "pitch-up": "pitch_deg=-3",
+    "pitch-down": "pitch_deg=3",
+    "roll": "roll_deg=3",
+    "yaw": "yaw_deg=3",
+    "right-yaw": "right_yaw_deg=1",
+    "baseline": "baseline_error_ratio=0.05",
+    "focal": "focal_error_ratio=0.05",
+    "lost": "lost_ratio=0.1",
+    "repeated": "repeated_ratio=0.1",
+    "latency": "latency_s=0.066",
+    "fps-15": "fps=15",
+    "fps-60": "fps=60",
+    "delay": "delay_s=0.15",
+    "backlash": "backlash_per_m=0.3",
+    "odometry-scale": "odometry_scale_ratio=0.05",
+    "curvature-bias": "curvature_bias_per_m=0.05",
+    "slip": "slip_ratio=0.1",
+}
+"""Single disturbances by name: what `evaluate --disturbance all` drives with, one after the other."""
+
+
+class Disturbances(Strict):
+    """The disturbances of a drive; none by default.
+
+    Args:
+        pitch_deg, roll_deg, yaw_deg: Rotation of both cameras down, to their right side and to the left, degrees.
+        right_yaw_deg: Rotation of the right camera alone to the left, degrees.
+        baseline_error_ratio, focal_error_ratio: The true baseline and focal length are longer by this ratio.
+        shutter_s: Exposure time, which blurs what moves, s.
+        readout_s: Time in which the rows of a frame are read one after the other, s.
+        noise_sigma: Standard deviation of pixel noise, where white is 1.
+        exposure_ratio: Swing of the brightness of both cameras with a period of 3 s.
+        flicker_ratio: Swing of the brightness of lamps 100 times a second.
+        darkness_ratio: Ratio of the light that is missing.
+        lost_ratio, repeated_ratio: Ratio of the frames that never arrive, or are replaced by the one before.
+        latency_s: Age of the frames that arrive, s.
+        fps: Frames a second of the cameras; 0 is the rate of the car.
+        delay_s: Time until a command takes effect, s.
+        backlash_per_m: Largest difference between the curvature of the wheels and that of the servo, 1/m.
+        odometry_scale_ratio: Measured distances are too long by this ratio.
+        curvature_bias_per_m: Measured curvatures are too large by this much, 1/m.
+        slip_ratio: The wheels spin by up to this ratio of a distance; the ratio changes every second.
+    """
+
+    pitch_deg: Degrees = 0.0
+    roll_deg: Degrees = 0.0
+    yaw_deg: Degrees = 0.0
+    right_yaw_deg: Degrees = 0.0
+    baseline_error_ratio: ErrorRatio = 0.0
+    focal_error_ratio: ErrorRatio = 0.0
+    shutter_s: Exposure = 0.0
+    readout_s: Exposure = 0.0
+    noise_sigma: Ratio = 0.0
+    exposure_ratio: Ratio = 0.0
+    flicker_ratio: Ratio = 0.0
+    darkness_ratio: Ratio = 0.0
+    lost_ratio: Often = 0.0
+    repeated_ratio: Often = 0.0
+    latency_s: Seconds = 0.0
+    fps: Annotated[float, Field(ge=0, le=120)] = 0.0
+    delay_s: Seconds = 0.0
+    backlash_per_m: Annotated[float, Field(ge=0, le=2)] = 0.0
+    odometry_scale_ratio: ErrorRatio = 0.0
+    curvature_bias_per_m: ErrorRatio = 0.0
+    slip_ratio: Ratio = 0.0
+
+    @property
+    def none(self) -> bool:
+        """Whether there is none."""
+        return self == Disturbances()
+
+    @property
+    def odometer(self) -> bool:
+        """Whether the odometer is wrong."""
+        return bool(self.odometry_scale_ratio or self.curvature_bias_per_m or self.slip_ratio)
+
+    def light(self, time: float, row_times: Array) -> Array:
+        """Brightness factors of rows that were read at `row_times`, s, in a frame of `time`."""
+        exposure = 1 + self.exposure_ratio * math.sin(2 * math.pi * time / EXPOSURE_PERIOD)
+        flicker = 1 + self.flicker_ratio * np.sin(2 * math.pi * FLICKER_HZ * row_times)
+        return (1 - self.darkness_ratio) * exposure * flicker
+
+
+def read_disturbances(text: str) -> Disturbances:
+    """Disturbances from text: names of `PRESETS` or `key=number`, several with commas; "" is none."""
+    values: dict[str, str] = {}
+    for part in filter(None, text.split(",")):
+        for pair in PRESETS.get(part, part).split(","):
+            key, equals, number = (word.strip() for word in pair.partition("="))
+            if not equals:
+                raise InputError(f"no disturbance {part!r}, choose one of {', '.join(PRESETS)}, or KEY=NUMBER")
+            if key not in Disturbances.model_fields:
+                known = Disturbances.model_fields
+                raise InputError(f"no disturbance {key!r}, known are {', '.join(known)}{did_you_mean(key, known)}")
+            values[key] = number
+    return check(values, Disturbances, "disturbance")
+
+
+class Effects:
+    """What disturbances do during one drive; all chance comes from `rng`."""
+
+    def __init__(self, disturbances: Disturbances, rng: np.random.Generator) -> None:
+        self.given, self.rng = disturbances, rng
+        self.queue: deque[StereoFrames] = deque()
+        self.last: StereoFrames | None = None
+        self.second, self.slip = -1, 0.0
+
+    def image(self, pixels: torch.Tensor, time: float, row_times: Array) -> torch.Tensor:
+        """A part `[1, 3, h, w]` uint8 of a frame as the sensor gives it; each of its rows was read at its own time."""
+        d = self.given
+        if not (d.noise_sigma or d.exposure_ratio or d.flicker_ratio or d.darkness_ratio):
+            return pixels
+        lit = pixels.numpy().astype(np.float32) * d.light(time, row_times).astype(np.float32)[:, None]
+        if d.noise_sigma:
+            lit += np.float32(255 * d.noise_sigma) * self.rng.standard_normal(lit.shape, dtype=np.float32)
+        return torch.from_numpy(np.clip(lit + 0.5, 0, 255).astype(np.uint8))
+
+    def loses_frame(self) -> bool:
+        """Whether this frame never arrives."""
+        return bool(self.given.lost_ratio and self.rng.random() < self.given.lost_ratio)
+
+    def deliver(self, frames: StereoFrames) -> StereoFrames:
+        """The frames that arrive when these are taken: those as old as the latency, or the ones before."""
+        if self.given.latency_s:
+            self.queue.append(frames)
+            when = frames.time - self.given.latency_s
+            while len(self.queue) > 1 and self.queue[1].time <= when + 1e-9:
+                self.queue.popleft()
+            frames = self.queue[0]._replace(time=when)
+        if self.given.repeated_ratio and self.last is not None and self.rng.random() < self.given.repeated_ratio:
+            frames = self.last._replace(time=frames.time)
+        self.last = frames
+        return frames
+
+    def odometry(self, driven: DriveCommand, now: float) -> DriveCommand:
+        """What the odometer measures of what was driven."""
+        d = self.given
+        if d.slip_ratio and int(now) != self.second:
+            self.second, self.slip = int(now), float(self.rng.uniform(0, d.slip_ratio))
+        speed = driven.speed * (1 + d.odometry_scale_ratio + self.slip)
+        return DriveCommand(speed, driven.curvature + d.curvature_bias_per_m)

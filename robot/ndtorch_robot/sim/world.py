@@ -1,0 +1,205 @@
+"""A building as the rasteriser draws it and the car bumps into it: triangles, textures, walls and posts."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.navigation import Body, StereoRig
+from ndtorch_robot.sim.plan import Floats, Plan, Point, circle
+from ndtorch_robot.sim.textures import Image, Walls, ceiling_texture, floor_texture, pack, ring_textures, to_bytes
+
+SKIRTING = (0.006, 0.08)
+"""Depth and height of the skirting, m."""
+
+PEDESTRIAN_RADIUS, PEDESTRIAN_HEIGHT, SIDES = 0.22, 1.8, 8
+"""Of the pedestrian, a cylinder, m, and the sides of the polygon that is drawn."""
+
+GROUND_CLEARANCE = 0.05
+"""Height of the underside of the car of [A] above the floor, m; its top is a centimetre below its cameras."""
+
+CEILING_TILE = 9.6
+"""Metres after which the ceiling repeats itself."""
+
+SKIRTING_COLOR, LID_COLOR = 51 | 48 << 8 | 46 << 16, 115 | 84 << 8 | 56 << 16
+
+LEVELS = 16
+"""Mipmaps of a texture at most, itself included: each is half as large as the one before, down to a single texel."""
+
+Corner = tuple[float, float, float, float, float]
+
+
+class World(NamedTuple):
+    """A building.
+
+    Attributes:
+        corners: triangles: x, y, z, m, and texture coordinates, `[N, 3, 5]`.
+        surface: number of the texture, or -1 less a color of 24 bits, `[N]` int32.
+        texels: of all mipmaps, each with a border of one texel that repeats its opposite side, `[T]` uint32.
+        mipmaps: where each mipmap of each texture begins, its width and its height, `[textures, LEVELS, 3]` int32.
+        walls: what the car cannot pass, `[S, 2, 2]`, and `posts`, x, y and radius, `[C, 3]`.
+        profiles: for each edge of each ring, its brightness `[columns]` at the height of the cameras.
+        person: the triangles of the pedestrian, the last ones, standing at the origin.
+    """
+
+    corners: Floats
+    surface: npt.NDArray[np.int32]
+    texels: npt.NDArray[np.uint32]
+    mipmaps: npt.NDArray[np.int32]
+    walls: Floats
+    posts: Floats
+    profiles: list[Floats]
+    person: Floats
+
+
+class Quads:
+    """Quads with texture coordinates; each is two triangles.
+
+    Attributes:
+        quads: corners counter-clockwise as seen from where the quad is visible.
+        surface: of each, as in `World`.
+    """
+
+    def __init__(self) -> None:
+        self.quads: list[list[Corner]] = []
+        self.surface: list[int] = []
+
+    def upright(
+        self, start: Point, end: Point, z: Point, surface: int, u: Point = (0.0, 0.0), v: Point = (0.0, 0.0)
+    ) -> None:
+        """Add a vertical rectangle, visible from the left of the line from `start` to `end`."""
+        low, high = (z[0], 1 - v[0]), (z[1], 1 - v[1])  # rows of a texture begin at its top
+        ends = ((end, u[1], low), (start, u[0], low), (start, u[0], high), (end, u[1], high))
+        self.quads.append([(x, y, at[0], across, at[1]) for (x, y), across, at in ends])
+        self.surface.append(surface)
+
+    def level(
+        self, bounds: tuple[float, ...], z: float, surface: int, size: Point = (0.0, 0.0), down: bool = False
+    ) -> None:
+        """Add a horizontal rectangle with so many repetitions of its texture, visible from above or from below."""
+        (left, right, bottom, top), (u, v) = bounds, size
+        corners = [(left, bottom, 0.0, 1.0), (right, bottom, u, 1.0), (right, top, u, 1 - v), (left, top, 0.0, 1 - v)]
+        self.quads.append([(x, y, z, a, b) for x, y, a, b in (corners[::-1] if down else corners)])
+        self.surface.append(surface)
+
+    def triangles(self) -> tuple[Floats, npt.NDArray[np.int32]]:
+        """Corners `[N, 3, 5]` and surface `[N]`."""
+        quads = np.array(self.quads, np.float64).reshape(-1, 4, 5)
+        return quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 5), np.repeat(self.surface, 2).astype(np.int32)
+
+
+def build(
+    plan: Plan,
+    seed: int = 0,
+    walls: Walls = "textured",
+    pedestrian: bool = False,
+    rig: StereoRig | None = None,
+    body: Body | None = None,
+) -> World:
+    """Paint and build a plan. The seed decides what it looks like."""
+    rng = np.random.default_rng((seed, 100))
+    rig, body = rig or StereoRig(), body or Body()
+    surfaces = [s for r in plan.rings for s in ring_textures(r, plan.height, rng, walls)]
+    atlas, patches = pack(surfaces)
+    floor, ground = floor_texture(plan, rng)
+    images = [atlas, floor, ceiling_texture()]
+    scene = Quads()
+    if walls == "textured":
+        add_skirting(scene, plan, closed=rig.camera_height < SKIRTING[1])
+    for solid in plan.solids:
+        if solid.height is not None and solid.height < plan.height and not solid.radius:
+            sides = np.stack((solid.array.min(0), solid.array.max(0)), 1).ravel()
+            scene.level(tuple(sides), solid.height - 0.001, LID_COLOR)
+            if solid.bottom:
+                scene.level(tuple(sides), solid.bottom + 0.001, LID_COLOR, down=True)
+    for (a, b), surface, cut in zip(plan.segments, surfaces, patches, strict=True):
+        columns = surface.texels.shape[1]
+        for n, p in enumerate(cut):
+            start, end = (a + round(columns * k / len(cut)) / columns * (b - a) for k in (n, n + 1))
+            z = (surface.bottom, surface.height)
+            scene.upright((start[0], start[1]), (end[0], end[1]), z, 0, (p.start, p.end), (p.bottom, p.top))
+    scene.level(ground, 0.0, 1, (1.0, 1.0))
+    repeated = ((ground[1] - ground[0]) / CEILING_TILE, (ground[3] - ground[2]) / CEILING_TILE)
+    scene.level(ground, plan.height, 2, repeated, down=True)
+    person = Quads()
+    if pedestrian:
+        images.append(to_bytes(rng.uniform(0.1, 0.9, (6, SIDES, 3)).repeat(32, 0).repeat(32, 1)))
+        corners = circle(0.0, 0.0, PEDESTRIAN_RADIUS, SIDES)
+        for k, corner in enumerate(corners):
+            u = ((k + 1) / SIDES, k / SIDES)
+            person.upright(corners[(k + 1) % SIDES], corner, (0.0, PEDESTRIAN_HEIGHT), 3, u, (0.0, 1.0))
+    (fixed, fixed_surface), (moving, moving_surface) = scene.triangles(), person.triangles()
+    return World(
+        np.concatenate((fixed, moving)),
+        np.concatenate((fixed_surface, moving_surface)),
+        *with_mipmaps(images),
+        *obstacles(plan, rig, body),
+        [profile(s.texels, (rig.camera_height - s.bottom) / (s.height - s.bottom)) for s in surfaces],
+        moving,
+    )
+
+
+def add_skirting(scene: Quads, plan: Plan, closed: bool) -> None:
+    """A dark board along the foot of the walls, as a mesh: in the texture, the filter would blur it away.
+
+    Args:
+        closed: boards meet at corners, for cameras that see them from their own height: slits between them would be
+            features in the rows that are ranged.
+    """
+    kinds = [kind for shape in plan.rings for kind in shape.kinds]
+    for ((ax, ay), (bx, by)), kind in zip(plan.segments, kinds, strict=True):
+        if kind == "wall":
+            length = math.hypot(bx - ax, by - ay)
+            x, y = -(by - ay) / length * SKIRTING[0], (bx - ax) / length * SKIRTING[0]
+            u, v = (y, -x) if closed else (0.0, 0.0)
+            scene.upright((ax + x - u, ay + y - v), (bx + x + u, by + y + v), (0.0, SKIRTING[1]), -1 - SKIRTING_COLOR)
+
+
+def obstacles(plan: Plan, rig: StereoRig, body: Body) -> tuple[Floats, Floats]:
+    """Walls `[S, 2, 2]` and posts `[C, 3]` between the underside and the top of the car."""
+    under = GROUND_CLEARANCE * min(1.0, body.unit_m)
+    over = max(0.19 * body.unit_m, rig.camera_height - 0.01)
+    walls, posts = [np.zeros((0, 2, 2))], [np.zeros((0, 3))]
+    for shape in plan.rings:
+        if shape.stops and shape.bottom < over and (shape.height is None or shape.height > under):
+            if shape.radius:
+                posts.append(np.array([[*shape.array.mean(0), shape.radius]]))
+            else:
+                walls.append(shape.sides)
+    return np.concatenate(walls), np.concatenate(posts)
+
+
+def profile(texels: Image, height: float) -> Floats:
+    """Brightness along a surface at a part of its height, 0..1."""
+    rows = len(texels)
+    return np.asarray(texels[min(max(rows - 1 - int(height * rows), 0), rows - 1)].mean(-1) / 255.0)
+
+
+def with_mipmaps(images: list[Image]) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int32]]:
+    """Texels and mipmaps of images, as in `World`."""
+    levels, blocks, begin = np.zeros((len(images), LEVELS, 3), np.int32), [], 0
+    for n, image in enumerate(images):
+        for k in range(LEVELS):
+            high, wide = image.shape[:2]
+            levels[n, k] = begin, wide, high
+            red, green, blue = (image[..., c].astype(np.uint32) for c in range(3))
+            blocks.append(np.pad(red | green << 8 | blue << 16, 1, "wrap").ravel())
+            begin += blocks[-1].size
+            if wide == high == 1:
+                break
+            image = halved(halved(image, 1), 0)
+    return np.concatenate(blocks), levels
+
+
+def halved(image: Image, axis: int) -> Image:
+    """An image of half as many rows or columns, each between the nearest two, with weights of 8 bits."""
+    many = image.shape[axis]
+    few = max(many // 2, 1)
+    at = (np.arange(few) + 0.5) * many / few - 0.5
+    low = np.floor(at).astype(int)
+    weight = np.floor((at - low) * 256 + 0.5).astype(np.uint32).reshape((-1, 1, 1) if axis == 0 else (-1, 1))
+    first, second = image.take(np.maximum(low, 0), axis), image.take(np.minimum(low + 1, many - 1), axis)
+    return np.asarray((first * (256 - weight) + second * weight + 128) >> 8, np.uint8)
