@@ -19,7 +19,6 @@ from tests.films import Films, shared_folder
 from tests.stalls import Again, StallMeter
 
 torch.set_num_threads(1)
-os.environ.setdefault("MUJOCO_GL", "egl")  # read when mujoco is imported
 METER, AGAIN = pytest.StashKey(), pytest.StashKey()
 
 

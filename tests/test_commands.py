@@ -20,7 +20,7 @@ MODULES = {
     "good": "from dataclasses import dataclass\n@dataclass\nclass Good:\n    '''Does good.'''\n"
     "    def run(self):\n        print('good')\n        return 0\n",
     "bad": "import no_such_module_of_anybody\n",
-    "lacking": "import mujoco\n",
+    "lacking": "import gymnasium\n",
     "wrong": "1 / 0\n",
     "ended": "import os, signal\nfrom dataclasses import dataclass\n@dataclass\nclass Ended:\n"
     "    '''Is told to end, with a signal by name.'''\n    number: str\n"
@@ -28,7 +28,7 @@ MODULES = {
     "full": "from dataclasses import dataclass\n@dataclass\nclass Full:\n    '''Writes to a full disk.'''\n"
     "    def run(self):\n        raise OSError(28, 'No space left on device', 'run.rrd')\n",
     "later": "from dataclasses import dataclass\n@dataclass\nclass Later:\n    '''Misses something when it runs.'''\n"
-    "    def run(self):\n        import mujoco\n",
+    "    def run(self):\n        import gymnasium\n",
 }
 
 
@@ -43,7 +43,7 @@ def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points += [EntryPoint("twice", "command_good:Good", GROUP), EntryPoint("twice", "command_bad:Bad", GROUP)]
     points.append(points[0])  # found through a checkout and its installation
     monkeypatch.setattr(commands, "entry_points", lambda group: points)
-    monkeypatch.setitem(sys.modules, "mujoco", None)
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -74,7 +74,7 @@ def test_broken_commands_leave_the_others(capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.usefixtures("registered")
 @pytest.mark.parametrize("name", ["lacking", "later"])
 def test_a_missing_extra_is_one_line_that_names_it(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "mujoco is not installed: pip install 'mujoco>=3.2' (of ndtorch-robot[sim])" in said(capsys, name)
+    assert "gymnasium is not installed: pip install 'gymnasium>=1.0' (of ndtorch-robot[sim])" in said(capsys, name)
 
 
 @pytest.mark.usefixtures("registered")
@@ -111,7 +111,7 @@ def test_a_signal_that_is_ignored_stays_so(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_extras_are_those_that_exist() -> None:
-    assert remedy("mujoco") == "pip install 'mujoco>=3.2' (of ndtorch-robot[sim])"
+    assert remedy("gymnasium") == "pip install 'gymnasium>=1.0' (of ndtorch-robot[sim])"
     assert remedy("rerun") == "pip install 'rerun-sdk<0.42,>=0.41' (of ndtorch[view])"
     assert remedy("ray") == "pip install 'ray>=2.40' (of ndtorch-train[cluster])"
     assert remedy("serial") == "pip install 'pyserial>=3.5' (of ndtorch-robot)"
@@ -121,7 +121,7 @@ def test_extras_are_those_that_exist() -> None:
 def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
     program = (
         "import sys\nfrom ndtorch.cli.commands import main\nassert main(['--help']) == 0\n"
-        "print(*[m for m in ('torch', 'numpy', 'cv2', 'mujoco', 'matplotlib', 'pydantic', 'tyro') if m in sys.modules])"
+        "print(*[m for m in ('torch', 'numpy', 'cv2', 'gymnasium', 'matplotlib', 'pydantic', 'tyro') if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-HEAVY = ("cv2", "numba", "scipy", "torchvision", "rerun", "matplotlib", "mujoco", "tyro", "serial")
+HEAVY = ("cv2", "numba", "scipy", "torchvision", "rerun", "matplotlib", "tyro", "serial")
 
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 

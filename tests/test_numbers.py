@@ -16,7 +16,6 @@ import pytest
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
-from ndtorch_robot.sim.car import CarLimits
 
 PLACES = (
     "ndtorch.binding",
@@ -76,7 +75,7 @@ def classes() -> dict[str, type]:
     """All that are made of numbers with defaults."""
     pytest.importorskip("serial")
     found = [kind for module in modules() for kind in vars(module).values() if inspect.isclass(kind)]
-    chosen = [kind for kind in (*found, CarLimits) if is_frozen(kind) and usual(kind)]
+    chosen = [kind for kind in (*found) if is_frozen(kind) and usual(kind)]
     return {f"{kind.__module__}.{kind.__qualname__}": kind for kind in chosen}
 
 

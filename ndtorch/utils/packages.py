@@ -20,7 +20,6 @@ OURS = ("ndtorch", "ndtorch-robot", "ndtorch-train")
 NAMES = {
     "av": "av",
     "cv2": "opencv-python-headless",
-    "mujoco": "mujoco",
     "picard": "python-picard",
     "pyarrow": "pyarrow",
     "ray": "ray",

@@ -62,7 +62,7 @@ class DriveConfig(NavigatorTable):
     @property
     def rate(self) -> float:
         own = RATE if self.robot is None else self.robot.rate_hz
-        return read_disturbances(self.disturbance).car().fps or own
+        return read_disturbances(self.disturbance).fps or own
 
     @property
     def body(self) -> Body:

@@ -21,7 +21,7 @@ from ndtorch.navigation.options import place_of
 from ndtorch_robot.camera_monitor import CameraLimits, CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.evaluation.metrics import MapScore, collision_summary, coverage, gates_passed, score_map
+from ndtorch_robot.evaluation.metrics import MapScore, collision_summary, coverage, score_map
 from ndtorch_robot.evaluation.record import Record, pose_error
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.map_saving import WalkedPath, runner_ndt_cells
@@ -85,8 +85,6 @@ def drive(
     Cameras that fail end it with `InputError`, after the car was stopped.
     """
     plan = load_arena(config.arena, config.seed)
-    for remark in plan.remarks:
-        print_note(f"{plan.name}: {remark}")
     check_goal(config, plan)
     runner = runner or drive_runner(config, plan)
     disturbances, rate = read_disturbances(config.disturbance), config.rate
@@ -127,7 +125,7 @@ def drive(
             runner.warm_up()  # before the time is taken
             began = time.perf_counter()
             # Where frames are lost, fewer steps fill the time.
-            car.run(config.seconds - 0.5 / rate if disturbances.value("lost_ratio") else None, warm_up=False)
+            car.run(config.seconds - 0.5 / rate if disturbances.lost_ratio else None, warm_up=False)
         except KeyboardInterrupt:
             interrupted = True
         if recorder is not None:
@@ -241,7 +239,6 @@ def summarise(
         "body_lengths": round(record.distance / config.body.length_m, 1) if len(poses) else 0.0,
         "free_area_passed": round(coverage(free, path), 4) if len(poses) else 0.0,
         "free_area_passed_40cm": round(coverage(free, path, 0.4), 4) if len(poses) else 0.0,
-        "gates": [sum(gates_passed(plan.gates, path)), len(plan.gates)] if len(poses) else [0, len(plan.gates)],
         **config.model_dump(include={"arena", "seed", "controller", "walls", "odometry", "disturbance"}),
         "pose_error": pose_errors(record),
         "troubles": car.troubles,

@@ -82,7 +82,7 @@ def make_simulation(config: RunConfig) -> Simulation | None:
 
     told = config.simulation
     disturbances = read_disturbances(told.disturbance)
-    if disturbances.car().fps:
+    if disturbances.fps:
         raise InputError("disturbance: the frames a second of a car are its rate_hz")
     if disturbances.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
         raise InputError(f"disturbance: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")

@@ -17,14 +17,14 @@ from ndtorch_robot.drive import DriveConfig, drive
 from ndtorch_robot.evaluation.record import Record
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.safety import SafeDrive
-from ndtorch_robot.sim.render.renderers import SoftwareRenderer
+from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.simulation import Simulation
 from tests.benchmarks.timing import Row, reference, table
 
 PARTS: tuple[tuple[Any, str, str], ...] = (
     (Car, "step", "whole step"),
     (Car, "see", "cameras"),
-    (SoftwareRenderer, "strips", "- rendered"),
+    (Cameras, "render", "- rendered"),
     (SafeDrive, "see", "watch"),
     (NavigatorRunner, "step", "navigation"),
     (GridMap, "update", "- map"),

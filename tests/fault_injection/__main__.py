@@ -75,7 +75,7 @@ class FaultInjection:
             raise InputError(f"--only: no fault is called {sorted(unknown)[0]!r}")
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         torch.set_num_threads(1)
-        code = code_digest(("ndtorch", "ndtorch_robot"), ("torch", "mujoco", "numpy"))
+        code = code_digest(("ndtorch", "ndtorch_robot"), ("torch", "numpy"))
         key = {"code": code, "config": config.model_dump_json(), "board": FirmwareHost.code()}
         key |= {"seconds": f"{self.scenario_seconds:g}", "faults": ", ".join(fault.name for fault in faults)}
         place = place_for(self.out, {"command": "fault injection"} | key, force=self.force)

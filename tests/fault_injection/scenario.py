@@ -15,7 +15,7 @@ from ndtorch_robot.link.simulated import HostedDrive
 from ndtorch_robot.ports import Observer, Step
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
-from ndtorch_robot.sim.arenas import arenas
+from ndtorch_robot.sim.arenas import BUILDINGS
 from tests.fault_injection.camera_faults import FaultyCameras
 from tests.fault_injection.faults import FAULTS, Fault
 from tests.fault_injection.injector import FaultInjector
@@ -35,7 +35,7 @@ def drive_scenario(config: RunConfig, number: int, seconds: float, faults: Seque
         seconds: of simulated time.
         faults: that are injected.
     """
-    names = list(arenas(test=False))
+    names = list(BUILDINGS)
     arena = names[number % len(names)]
     world = SimulationTable(arena=arena, seed=FIRST_SEED + number)
     config = config.model_copy(update={"simulation": world, "cameras": None, "link": {"kind": HOSTED_BOARD}})

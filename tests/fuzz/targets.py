@@ -221,7 +221,7 @@ def read_truth(path: Path) -> Any:
 
 
 def read_barn(path: Path) -> Any:
-    from ndtorch_robot.barn.worlds import read_worlds
+    from ndtorch_robot.barn import read_worlds
 
     return [world.plan() for world in read_worlds(path)]
 

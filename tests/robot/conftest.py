@@ -4,7 +4,6 @@ before every tenth drive."""
 
 from __future__ import annotations
 
-import copy
 import gc
 import itertools
 from collections.abc import Iterator
@@ -20,13 +19,13 @@ from ndtorch_robot.sim import simulation
 
 @pytest.fixture(scope="session", autouse=True)
 def painted_once() -> Iterator[None]:
-    """Every simulation gets a copy of the model: what it sets there is its own."""
+    """Every simulation gets a copy of the corners: what it sets there is its own."""
     build = simulation.build
     kept = lru_cache(maxsize=4)(build)
 
     def copied(*given: Any) -> Any:
         world = kept(*given)
-        return world._replace(model=copy.copy(world.model), profiles=[line.copy() for line in world.profiles])
+        return world._replace(corners=world.corners.copy())
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulation, "build", copied)

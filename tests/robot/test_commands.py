@@ -13,12 +13,12 @@ import ndtorch_robot.car
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils import workers
-from ndtorch_robot.barn.attempts import Attempt, Entry
+from ndtorch_robot.barn import Attempt, Entry
 from ndtorch_robot.commands import barn
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import check_goal
 from ndtorch_robot.sim.arenas import load_arena
-from tests.robot.barn.test_barn import FILE as TWO_WORLDS
+from tests.robot.test_barn import FILE as TWO_WORLDS
 
 MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
 PICTURES = ["map.png", "path.png", "rows.png", "speeds.png"]
@@ -129,7 +129,7 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Entry]:
                 yield workers.Event("failed", n, "Traceback\n  in a file\nInputError: no OpenGL\n")
                 continue
             hit = number == 6
-            made = Attempt(number, not hit, hit, 20.0, 0.0 if hit else 0.25, [(0.0, 0.0), (0.0, 9.0)], 1.0, 0.4)
+            made = Attempt(number, not hit, hit, 20.0, 0.0 if hit else 0.25, [(0.0, 0.0), (0.0, 9.0)], 0.4)
             yield workers.Event("done", n, made._asdict())
 
     monkeypatch.setattr(workers, "run_tasks", run)

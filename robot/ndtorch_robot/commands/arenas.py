@@ -14,10 +14,10 @@ class Arenas:
     """The arenas are printed as one JSON object, and nothing else is."""
 
     def run(self) -> int:
-        from ndtorch_robot.sim.arenas import arenas
+        from ndtorch_robot.sim.arenas import ARENAS
 
         found = {}
-        for name, make in arenas().items():
+        for name, make in ARENAS.items():
             left, right, bottom, top = make(0).bounds
             words = (make.__doc__ or "").splitlines()[0]
             found[name] = {"width_m": right - left, "depth_m": top - bottom, "description": words}

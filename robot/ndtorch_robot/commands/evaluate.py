@@ -145,19 +145,19 @@ def settings_of(drives: list[DriveConfig]) -> dict[str, Any]:
 
 def arenas_of(given: tuple[str, ...]) -> tuple[str, ...]:
     """Names of arenas, with the words for groups replaced by what is in them."""
-    from ndtorch_robot.sim.arenas import arenas
+    from ndtorch_robot.sim.arenas import ARENAS, BUILDINGS, TESTS
 
     if "trials" in given:
         raise InputError("the arenas 'trials' are called 'tests' now")
-    groups = {"buildings": arenas(test=False), "tests": arenas(test=True), "all": arenas()}
+    groups = {"buildings": BUILDINGS, "tests": TESTS, "all": ARENAS}
     return tuple(dict.fromkeys(name for word in given for name in groups.get(word, (word,))))
 
 
 def disturbances_of(given: tuple[str, ...]) -> tuple[str, ...] | None:
     """Disturbances, with "all" replaced by none and every single one; None where nothing is given."""
-    from ndtorch_robot.sim.disturbances import presets
+    from ndtorch_robot.sim.disturbances import PRESETS
 
-    words = {"all": ("", *presets()), "none": ("",)}
+    words = {"all": ("", *PRESETS), "none": ("",)}
     return tuple(dict.fromkeys(name for word in given for name in words.get(word, (word,)))) or None
 
 

@@ -26,7 +26,7 @@ IRRELEVANT = {"out", "rrd", "view", "full_frames"}
 CODE = ("ndtorch", "ndtorch_robot")
 """The code that a drive runs through."""
 
-PACKAGES = ("torch", "mujoco", "numpy")
+PACKAGES = ("torch", "numpy")
 """What else draws and counts in it."""
 
 REPORT_EVERY = 0.5

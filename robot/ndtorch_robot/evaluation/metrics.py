@@ -12,9 +12,9 @@ import torch
 
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.stereo.correspondence import MatchParams
-from ndtorch_robot.sim.plan import Floats, Plan, Point, Ring, away, crossing
-from ndtorch_robot.sim.procedural_textures import ALONG
+from ndtorch_robot.sim.plan import Floats, Plan, Point, Ring, away
 from ndtorch_robot.sim.simulation import Collision
+from ndtorch_robot.sim.textures import ALONG
 
 NEAR = 0.10
 """Metres from a true edge or surface within which mass of the map counts as right."""
@@ -156,7 +156,9 @@ def visible(
         )
         near = np.flatnonzero(good)
         if len(near):
-            count[near[plan.sees(camera, edges.places[near])]] += 1
+            offset = edges.places[near] - camera
+            reach = plan.cast(camera, np.arctan2(offset[:, 1], offset[:, 0]))
+            count[near[reach >= np.hypot(*offset.T) - 0.02]] += 1
     return np.asarray(count >= times)
 
 
@@ -220,20 +222,6 @@ def spacing_error(plan: Plan, tops: Floats) -> float | None:
         good = distance.min(1) <= NEAR
         found += gaps[good[1:] & good[:-1]].tolist()
     return abs(float(np.median(found)) / plan.spacing - 1) * 100 if found else None
-
-
-def gates_passed(gates: Sequence[tuple[Point, Point]], path: Floats) -> list[bool]:
-    """Which of the lines from place to place the path `[T, 2]` has crossed.
-
-    Steps over half a metre are those of a car that was moved.
-    """
-    a, step = path[:-1], np.diff(path, axis=0)
-    driven = np.hypot(*step.T) < 0.5
-    found = []
-    for start, end in gates:
-        s, t = crossing(a, step, np.array(start), np.subtract(end, start))
-        found.append(bool((driven & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)).any()))
-    return found
 
 
 def coverage(free: Floats, path: Floats, reach: float = 1.0) -> float:

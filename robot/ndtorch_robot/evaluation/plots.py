@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ndtorch_robot.barn.attempts import Attempt
-    from ndtorch_robot.barn.worlds import World
+    from ndtorch_robot.barn import Attempt, BarnWorld
 
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 """The color-blind safe palette of Okabe and Ito."""
@@ -353,7 +352,7 @@ def table_axes(left: Axes, right: Axes, places: list[tuple[str, str]]) -> None:
         axes.spines[["top", "right"]].set_visible(False)
 
 
-def barn_plot(worlds: Sequence[World], attempts: Sequence[Attempt], most: int = 60) -> Figure:
+def barn_plot(worlds: Sequence[BarnWorld], attempts: Sequence[Attempt], most: int = 60) -> Figure:
     """All BARN worlds side by side with the path through each; of more than `most` the first ones."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle

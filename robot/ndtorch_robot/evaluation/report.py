@@ -9,7 +9,7 @@ from ndtorch.report.page import Page, Shown, Table, command_line, versions
 from ndtorch_robot.drive import Result
 from ndtorch_robot.evaluation.table import Row, shown_cells
 
-PACKAGES = ("ndtorch-robot", "mujoco")
+PACKAGES = ("ndtorch-robot",)
 
 SHOWN = (
     (

@@ -20,8 +20,8 @@ from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.car import CarLimits
 from ndtorch_robot.sim.disturbances import read_disturbances
-from ndtorch_robot.sim.procedural_textures import Walls
 from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.sim.textures import Walls
 
 Pixels = npt.NDArray[np.uint8]
 Observation = dict[str, npt.NDArray[Any]]
@@ -89,7 +89,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             raise InputError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
         load_arena(arena, building or 0)
         self.building, self.disturbances = building, read_disturbances(disturbance)
-        self.rate = self.disturbances.car().fps or RATE
+        self.rate = self.disturbances.fps or RATE
         self.metadata = {**self.metadata, "render_fps": self.rate}
         self.arena, self.walls, self.moving = arena, walls, moving
         self.strips, self.render_mode = observation == "strips", render_mode

@@ -1,5 +1,7 @@
-"""Arenas: functions from a seed to a plan. The seed moves the walls of hallway, curve, loop and room about, and lays out
-office and random; no controller was developed in the others: floors, thin and low obstacles, narrow places.
+"""Arenas: functions from a seed to a plan.
+
+The seed moves the walls of hallway, curve, loop and room about, and lays out office and random. No controller was
+developed in the others: floors, thin and low obstacles, narrow places.
 """
 
 from __future__ import annotations
@@ -91,13 +93,14 @@ def room(seed: int) -> Plan:
         place = tuple(float(v) for v in rng.uniform(1.6, side - 1.6, 2))
         if all(math.dist(place, other) > 2.0 for other in pillars):
             pillars.append((place[0], place[1]))
-    solids = tuple(
-        ring(circle(*p, float(rng.uniform(0.15, 0.3)), 16), "pillar", solid=True)
-        if k % 2
-        else ring(circle(*p, float(rng.uniform(0.3, 0.5)) / math.sqrt(2), 4, float(rng.uniform(0, 1.57))), "pillar", solid=True)
-        for k, p in enumerate(pillars)
-    )
-    return Plan("room", outline, solids)
+    solids = []
+    for k, p in enumerate(pillars):
+        if k % 2:
+            corners = circle(*p, float(rng.uniform(0.15, 0.3)), 16)
+        else:
+            corners = circle(*p, float(rng.uniform(0.3, 0.5)) / math.sqrt(2), 4, float(rng.uniform(0, 1.57)))
+        solids.append(ring(corners, "pillar", solid=True))
+    return Plan("room", outline, tuple(solids))
 
 
 def office(seed: int) -> Plan:

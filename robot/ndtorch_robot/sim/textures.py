@@ -21,7 +21,7 @@ Image = npt.NDArray[np.uint8]
 Array = npt.NDArray[Any]
 
 ALONG, UPWARD, FLOOR = 256, 64, 128
-"""Texels per metre along a wall, upward, and of floor: the cameras resolve 2 mm at 1 m along the row they range with."""
+"""Texels per metre along a wall, upward, and of floor: the cameras resolve 2 mm at 1 m along the row they range."""
 
 COLORS = {
     "wall": (0.80, 0.77, 0.70),

@@ -10,27 +10,25 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import Rect, Strips
 from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.sim.cameras import Motion, axes, moved, readout
+from ndtorch_robot.sim.cameras import CarMotion, moved, readout
 from ndtorch_robot.sim.car import Car
-from ndtorch_robot.sim.disturbances import Disturbances, Effect, presets, read_disturbances, registry
-from ndtorch_robot.sim.disturbances.actuators import Delay, Odometer
-from ndtorch_robot.sim.disturbances.cameras import Light, Timing
-from ndtorch_robot.sim.disturbances.registry import CameraErrors, Disturbance
+from ndtorch_robot.sim.disturbances import PRESETS, Disturbances, Effects, read_disturbances
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
 
 
-def start(disturbance):
-    return disturbance.start(np.random.default_rng(0))
+def effects(**numbers):
+    return Effects(Disturbances(**numbers), np.random.default_rng(0))
 
 
 def test_text():
     assert read_disturbances("").none
     assert read_disturbances("noise_sigma=0").none
     read = read_disturbances("noise,pitch_deg=-2,latency_s=0.05")
-    assert [read.value(key) for key in ("noise_sigma", "pitch_deg", "latency_s", "fps")] == [0.05, -2, 0.05, 0]
-    assert all(not read_disturbances(name).none for name in presets())
-    assert len({read_disturbances(name) for name in presets()}) == len(presets())
+    assert (read.noise_sigma, read.pitch_deg, read.latency_s, read.fps) == (0.05, -2, 0.05, 0)
+    assert not any(read_disturbances(name).none for name in PRESETS)
+    assert read_disturbances("slip").odometer
+    assert not read_disturbances("noise,lost,delay,blur").odometer
     for text, words in (
         ("nois", "no disturbance 'nois'"),
         ("nois_sigma=1", "did you mean noise_sigma"),
@@ -40,53 +38,15 @@ def test_text():
             read_disturbances(text)
 
 
-def test_the_odometer_is_known_to_be_disturbed():
-    assert read_disturbances("slip").odometer
-    assert not read_disturbances("noise,lost,delay,blur").odometer
-
-
-def test_a_class_is_all_that_a_disturbance_takes(monkeypatch):
-    class Inverted(Disturbance):
-        inverted: bool = False
-
-        def start(self, rng):
-            return InvertedEffect()
-
-    class InvertedEffect(Effect):
-        def image(self, pixels, time, row_times):
-            return 255 - pixels
-
-    monkeypatch.setattr(registry, "disturbances", lambda: (Inverted,))
-    plain, inverted = (
-        Simulation(SMALL, 1, disturbances=made).read() for made in (Disturbances(), read_disturbances("inverted=1"))
-    )
-    assert torch.equal(inverted.right.field, 255 - plain.right.field)
-
-
 def test_light():
     grey, rows = torch.full((1, 3, 80, 60), 100, dtype=torch.uint8), np.zeros(80)
-    dark = start(Light(darkness_ratio=0.5))
-    assert set(dark.image(grey, 0.3, rows).unique().tolist()) == {50}
-    assert start(Light(noise_sigma=0.05)).image(grey, 0.0, rows).float().std() == pytest.approx(255 * 0.05, rel=0.05)
-    gain = Light(flicker_ratio=0.1).gain(0.0, np.linspace(0, 0.03, 480))
+    assert set(effects(darkness_ratio=0.5).image(grey, 0.3, rows).unique().tolist()) == {50}
+    assert effects(noise_sigma=0.05).image(grey, 0.0, rows).float().std() == pytest.approx(255 * 0.05, rel=0.05)
+    gain = Disturbances(flicker_ratio=0.1).light(0.0, np.linspace(0, 0.03, 480))
     assert gain.max() == pytest.approx(1.1, abs=1e-3)
     assert np.count_nonzero(np.diff(np.sign(gain - 1))) in (6, 7)  # three periods of 100 Hz in 30 ms
-    swings = [float(Light(exposure_ratio=0.5).gain(t, rows)[0]) for t in (0.75, 2.25)]
+    swings = [float(Disturbances(exposure_ratio=0.5).light(t, rows)[0]) for t in (0.75, 2.25)]
     assert swings == pytest.approx([1.5, 0.5])
-
-
-def test_axes_of_turned_cameras():
-    level = axes(0.3, 0, CameraErrors())
-    assert level[0] == pytest.approx([math.cos(0.3), math.sin(0.3), 0])
-    assert level[1] == pytest.approx([0, 0, 1])
-    down, up = axes(0.0, 1, CameraErrors(pitch=math.radians(3)))
-    assert down == pytest.approx([math.cos(math.radians(3)), 0, -math.sin(math.radians(3))])
-    assert up[0] == pytest.approx(math.sin(math.radians(3)))
-    _, leaning = axes(0.0, 0, CameraErrors(roll=math.radians(2)))
-    assert leaning == pytest.approx([0, -math.sin(math.radians(2)), math.cos(math.radians(2))])
-    turned = CameraErrors(yaw=0.01, right_yaw=0.02)
-    yaws = [math.atan2(*axes(0.0, side, turned)[0][1::-1]) for side in (0, 1)]
-    assert yaws == pytest.approx([0.01, 0.03])
 
 
 def test_rolling_shutter_reads_rows_in_turn():
@@ -96,8 +56,8 @@ def test_rolling_shutter_reads_rows_in_turn():
     assert [part.top for part, _ in parts] == [300, 312, 324]
     assert parts[-1][0].bottom == 330
     assert parts[0][1] == pytest.approx(0.048 * (306 / 480 - 0.5))
-    assert moved((1.0, 2.0, 0.0), Motion(0.5, 0.0), -0.1) == pytest.approx((0.95, 2.0, 0.0))
-    assert moved((0.0, 0.0, 0.0), Motion(1.0, math.pi), 1.0)[2] == pytest.approx(math.pi)
+    assert moved((1.0, 2.0, 0.0), CarMotion(0.5, 0.0), -0.1) == pytest.approx((0.95, 2.0, 0.0))
+    assert moved((0.0, 0.0, 0.0), CarMotion(1.0, math.pi), 1.0)[2] == pytest.approx(math.pi)
 
 
 def frames(time):
@@ -105,50 +65,46 @@ def frames(time):
     return StereoFrames(Strips(part, part), Strips(part, part), time)
 
 
-def shown(given):
-    return round(float(given.left.field), 3), round(given.time, 3)
-
-
 def test_timing():
-    late = start(Timing(latency_s=0.1))
-    found = [shown(late.deliver(frames(k / 10))) for k in range(4)]
-    assert found == [(0.0, -0.1), (0.0, 0.0), (0.1, 0.1), (0.2, 0.2)]
-    again = start(Timing(repeated_ratio=0.5))
-    pictures = [shown(again.deliver(frames(k / 10))) for k in range(200)]
+    def delivered(given):
+        return round(float(given.left.field), 3), round(given.time, 3)
+
+    late = effects(latency_s=0.1)
+    assert [delivered(late.deliver(frames(k / 10))) for k in range(4)] == [(0, -0.1), (0, 0), (0.1, 0.1), (0.2, 0.2)]
+    again = effects(repeated_ratio=0.5)
+    pictures = [delivered(again.deliver(frames(k / 10))) for k in range(200)]
     assert [time for _, time in pictures] == pytest.approx([k / 10 for k in range(200)])
-    repeated = sum(a[0] == b[0] for a, b in itertools.pairwise(pictures))
-    assert 70 < repeated < 130
-    lost = start(Timing(lost_ratio=0.3))
+    assert 70 < sum(a[0] == b[0] for a, b in itertools.pairwise(pictures)) < 130
+    lost = effects(lost_ratio=0.3)
     assert 40 < sum(lost.loses_frame() for _ in range(200)) < 80
-    assert not start(Timing()).loses_frame()
+    assert not effects().loses_frame()
 
 
 def test_delay_backlash_and_odometer():
-    delay = Delay(0.15)
-    delay.put(DriveCommand(0.5, 0.0), 0.0)
-    delay.put(DriveCommand(0.4, 0.0), 0.05)
-    assert [delay.take(t) for t in (0.1, 0.15, 0.21)] == [None, DriveCommand(0.5, 0.0), DriveCommand(0.4, 0.0)]
+    car = Car(delay=0.15)
+    car.send(DriveCommand(0.5, 0.0), 0.0)
+    car.send(DriveCommand(0.4, 0.0), 0.05)
+    wanted = []
+    for time in (0.1, 0.15, 0.21):
+        car.advance(0.01, time)
+        wanted.append(car.wanted.speed)
+    assert wanted == [0.0, 0.5, 0.4]
     car = Car(backlash=0.3)
-    car.send(DriveCommand(0.5, 1.0))
-    for _ in range(60):
-        car.advance(1 / 60)
-    assert car.curvature == pytest.approx(0.7)
-    car.send(DriveCommand(0.5, 0.5))
-    for _ in range(60):
-        car.advance(1 / 60)
-    assert car.curvature == pytest.approx(0.7)  # 0.5 is within the backlash
-    odometer = start(Odometer(odometry_scale_ratio=0.05, curvature_bias_per_m=0.1, slip_ratio=0.2))
-    said = [odometer.odometry(DriveCommand(1.0, 0.0), t) for t in (0.1, 0.5, 1.1)]
-    assert said[0] == said[1] != said[2]
-    assert all(1.05 <= s.speed <= 1.25 and s.curvature == pytest.approx(0.1) for s in said)
-
-
-SMALL = Plan("small", ring([(0, 0), (2, 0), (2, 2), (0, 2)]))
+    for curvature in (1.0, 0.5):  # the second is within the backlash
+        car.send(DriveCommand(0.5, curvature))
+        for _ in range(60):
+            car.advance(1 / 60)
+        assert car.curvature == pytest.approx(0.7)
+    odometer = effects(odometry_scale_ratio=0.05, curvature_bias_per_m=0.1, slip_ratio=0.2)
+    measured = [odometer.odometry(DriveCommand(1.0, 0.0), t) for t in (0.1, 0.5, 1.1)]
+    assert measured[0] == measured[1] != measured[2]
+    assert all(1.05 <= s.speed <= 1.25 and s.curvature == pytest.approx(0.1) for s in measured)
 
 
 def test_a_disturbed_world():
     def looked(text="", whole=False):
-        simulation = Simulation(SMALL, 1, disturbances=read_disturbances(text), full_frames=whole)
+        small = Plan("small", ring([(0, 0), (2, 0), (2, 2), (0, 2)]))
+        simulation = Simulation(small, 1, disturbances=read_disturbances(text), full_frames=whole)
         simulation.place(0.6, 1.0, 0.1)
         simulation.obey(DriveCommand(0.5, 1.0))
         simulation.wait_until(0.2)
@@ -156,11 +112,11 @@ def test_a_disturbed_world():
 
     plain, pose, driven = looked()
     for text in ("right_yaw_deg=1", "focal_error_ratio=0.05,shutter_s=0.05,readout_s=0.05"):
-        seen, same, said = looked(f"{text},odometry_scale_ratio=0.1")
+        disturbed, same, measured = looked(f"{text},odometry_scale_ratio=0.1")
         assert same == pose
-        assert said.speed == pytest.approx(1.1 * driven.speed)
-        assert (seen.right.field.int() - plain.right.field.int()).abs().float().mean() > 1
-        assert torch.equal(seen.left.row, plain.left.row) == text.startswith("right_yaw")
+        assert measured.speed == pytest.approx(1.1 * driven.speed)
+        assert (disturbed.right.field.int() - plain.right.field.int()).abs().float().mean() > 1
+        assert torch.equal(disturbed.left.row, plain.left.row) == text.startswith("right_yaw")
     assert looked("delay_s=0.3")[1] == (0.6, 1.0, 0.1)
     # A camera that looks down by 3 degrees sees in the middle what lies 22 pixels lower for a level one.
     level, low = (looked(text, whole=True)[0].left[0, 1].float() for text in ("", "pitch_deg=3"))

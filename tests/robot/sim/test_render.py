@@ -1,86 +1,52 @@
-"""The rasteriser: against rays cast one by one, and against MuJoCo's own renderer."""
+"""The rasteriser against rays cast one by one, and what cameras see of a plan."""
 
 import math
 
-import mujoco
 import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
-from ndtorch.navigation import Rect
-from ndtorch_robot.sim import cameras
+from ndtorch.navigation import Rect, StereoRig
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.cameras import Motion, axes
-from ndtorch_robot.sim.disturbances import read_disturbances
-from ndtorch_robot.sim.disturbances.registry import CameraErrors
-from ndtorch_robot.sim.render._kernels import rasterise
-from ndtorch_robot.sim.render._kernels_textures import build_mipmaps
-from ndtorch_robot.sim.render.renderers import Lens, OpenGLRenderer, View, projection
-from ndtorch_robot.sim.render.scene import is_supported
-from ndtorch_robot.sim.simulation import Simulation
-
-LENS = Lens(90.0, (47.5, 29.5), 96, 60)
-
-
-def smaller(image):
-    """An image of half the size: means of two by two, rounded as eight bits are, first along rows."""
-
-    def axis(many):
-        few = max(many // 2, 1)
-        place = (np.arange(few) + 0.5) * many / few - 0.5
-        low = np.floor(place).astype(int)
-        return np.maximum(low, 0), np.minimum(low + 1, many - 1), np.floor((place - low) * 256 + 0.5) / 256
-
-    (top, bottom, down), (left, right, along) = map(axis, image.shape[:2])
-    wide = np.floor(image[:, left] * (1 - along)[:, None] + image[:, right] * along[:, None] + 0.5)
-    return np.floor(wide[top] * (1 - down)[:, None, None] + wide[bottom] * down[:, None, None] + 0.5)
-
-
-def copies_of(image):
-    copies = [image.astype(float)]
-    while max(copies[-1].shape[:2]) > 1:
-        copies.append(smaller(copies[-1]))
-    return copies
-
-
-def packed(image, levels):
-    """Texels of an image and its smaller copies, and where each begins, its width and its height."""
-    copies, start = np.zeros((8, 3), np.int32), 0
-    for k, copy in enumerate(levels):
-        copies[k] = (start, copy.shape[1], copy.shape[0])
-        start += (copy.shape[0] + 2) * (copy.shape[1] + 2)
-    texels = np.zeros(start, np.uint32)
-    build_mipmaps(image.reshape(-1), copies, texels)
-    return texels, copies
+from ndtorch_robot.sim.cameras import Cameras
+from ndtorch_robot.sim.disturbances import Disturbances
+from ndtorch_robot.sim.plan import Plan, ring
+from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.sim.textures import Surface, floor_texture, pack
+from ndtorch_robot.sim.world import World, with_mipmaps
 
 
 @pytest.mark.parametrize("size", [(16, 16), (13, 22), (1, 5)])
 def test_mipmaps(size):
-    image = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
-    wanted = copies_of(image)
-    texels, copies = packed(image, wanted)
-    for (start, wide, high), copy in zip(copies.tolist(), wanted, strict=False):
-        got = texels[start : start + (wide + 2) * (high + 2)].reshape(high + 2, wide + 2)
-        bordered = np.pad(copy, ((1, 1), (1, 1), (0, 0)), "wrap")
-        assert np.array_equal(np.stack([got >> 8 * c & 255 for c in range(3)], -1), bordered)
+    """Of a linear ramp every level is the same ramp, and each level has a border of its opposite side."""
+    down, along = np.meshgrid(*(np.linspace(0, 1, n) for n in size), indexing="ij")
+    image = np.stack((200 * along, 200 * down, 50 + 0 * down), -1).round().astype(np.uint8)
+    texels, levels = with_mipmaps([image])
+    for k, (begin, wide, high) in enumerate(levels[0, : 1 + int(math.log2(max(size)))].tolist()):
+        assert (high, wide) == tuple(max(n >> k, 1) for n in size)
+        got = texels[begin : begin + (wide + 2) * (high + 2)].reshape(high + 2, wide + 2)
+        inner = got[1:-1, 1:-1]
+        assert np.array_equal(got, np.pad(inner, 1, "wrap"))
+        for color, (few, many) in enumerate(((wide, size[1]), (high, size[0]))):
+            values = (inner >> 8 * color & 255).mean(color)
+            wanted = ((np.arange(few) + 0.5) * many / few - 0.5) / max(many - 1, 1) * 200
+            assert np.abs(values - wanted).max() <= k + 1
 
 
-def looked_up(copy, u, v):
+def between_texels(image, u, v):
     """The color between four texels; the picture goes on at its other side."""
-    high, wide = copy.shape[:2]
+    high, wide = image.shape[:2]
     x, y = u * wide - 0.5, v * high - 0.5
     left, top = math.floor(x), math.floor(y)
     along, down = x - left, y - top
-    rows = [copy[(top + k) % high] for k in (0, 1)]
+    rows = [image[(top + k) % high].astype(float) for k in (0, 1)]
     (a, b), (c, d) = ([row[(left + k) % wide] for k in (0, 1)] for row in rows)
     return (a * (1 - along) + b * along) * (1 - down) + (c * (1 - along) + d * along) * down
 
 
 def ray(camera, corners, column, row):
     """Distance along a ray, times the depth of its direction, and the place in the picture, for each triangle hit."""
-    matrix = np.array(camera[1:])
-    direction = np.linalg.solve(matrix, [column, row, 1.0])
+    direction = np.linalg.solve(camera[1:], [column, row, 1.0])
     found = {}
     for n, triangle in enumerate(corners):
         a, b, c = triangle[:, :3]
@@ -96,22 +62,25 @@ def test_random_triangles_against_rays():
     """Where a pixel and its neighbours meet the same triangle, the color is what a ray finds, to a level of 256."""
     rng = np.random.default_rng(3)
     image = rng.integers(0, 256, (16, 24, 3), dtype=np.uint8)
-    levels = copies_of(image)
-    texels, copies = packed(image, levels)
+    texels, mipmaps = with_mipmaps([image])
+    levels = []
+    for begin, wide, high in mipmaps[0, :5].tolist():
+        inner = texels[begin : begin + (wide + 2) * (high + 2)].reshape(high + 2, wide + 2)[1:-1, 1:-1]
+        levels.append(np.stack([inner >> 8 * c & 255 for c in range(3)], -1))
     corners = rng.normal(0, 1.5, (40, 3, 5))
     corners[:, :, 0] += 4.5
     surface = np.where(np.arange(40) % 4 == 0, -1 - 0x30A0F0, 0).astype(np.int32)
-    view = View((0.1, -0.2, 0.3), *axes(0.2, 0, CameraErrors(pitch=math.radians(5), roll=math.radians(10))))
-    camera = projection(view, LENS)
-    out = np.zeros((60 * 96, 3), np.uint8)
-    parts = np.array([[0, 0, 60, 0, 96, 0]])
-    rasterise(corners, surface, texels, copies[None], np.array([camera]), parts, (0.02, 60.0), out)
-    drawn, compared, background = out.reshape(60, 96, 3).astype(float), 0, 0
+    nothing = np.zeros((0, 2, 2)), np.zeros((0, 3)), [], np.zeros((0, 3, 5))
+    rig = StereoRig(0.3, 90.0, 96, 60, forward=0.0)
+    world = World(corners, surface, texels, mipmaps, *nothing)
+    cameras = Cameras(world, rig, disturbances=Disturbances(pitch_deg=5, roll_deg=10))
+    view = cameras.view(0.1, -0.2, 0.2, 0)
+    camera = cameras.projection(view)
+    drawn, compared, background = cameras.frame(view).transpose(1, 2, 0).astype(float), 0, 0
     for row in range(2, 58, 6):
         for column in range(2, 94, 6):
-            hits = [
-                ray(camera, corners, column + dx, row + dy) for dx, dy in ((0, 0), (1, 0), (0, 1), (-1, 0), (0, -1))
-            ]
+            around = ((0, 0), (1, 0), (0, 1), (-1, 0), (0, -1))
+            hits = [ray(camera, corners, column + dx, row + dy) for dx, dy in around]
             nearest = [min(hit, key=lambda n, hit=hit: hit[n][0]) if hit else -1 for hit in hits]
             if len(set(nearest)) > 1:
                 continue
@@ -129,10 +98,10 @@ def test_random_triangles_against_rays():
             size = max(math.log2(max(math.hypot(*s) for s in spans)), 0.0)
             low = min(math.floor(size), len(levels) - 2)
             share = min(size - low, 1.0)
-            near, far = looked_up(levels[low], u, v), looked_up(levels[low + 1], u, v)
+            near, far = between_texels(levels[low], u, v), between_texels(levels[low + 1], u, v)
             wanted = near * (1 - share) + far * share
             # The logarithm is taken straight from power to power, and of the pixel's middle.
-            doubt = 2.0 + 0.25 * np.abs(looked_up(levels[max(low - 1, 0)], u, v) - far).max() * (size > 0)
+            doubt = 2.0 + 0.25 * np.abs(between_texels(levels[max(low - 1, 0)], u, v) - far).max() * (size > 0)
             assert np.abs(drawn[row, column] - wanted).max() <= doubt
     assert compared > 40
     assert background > 3
@@ -140,65 +109,78 @@ def test_random_triangles_against_rays():
 
 def test_strips_of_a_frame_are_the_frame():
     """Strips and slices of them are the pixels of the whole frame, to the bit."""
-    simulation = Simulation(load_arena("office", 3), 3, full_frames=True, pedestrian=True)
-    renderer = simulation.cameras.renderer
-    simulation.cameras.look(simulation.data, 1.0, 0.3, 0.4)
-    view = simulation.cameras.view(1.0, 0.3, 0.4, 1)
-    whole = renderer.frame(view)
+    cameras = Simulation(load_arena("office", 3), 3, full_frames=True, pedestrian=True).cameras
+    view = cameras.view(1.0, 0.3, 0.4, 1)
+    whole = cameras.frame(view)
     assert whole.std() > 10
     for top, bottom, left, right in ((0, 480, 3, 4), (301, 330, 11, 640), (240, 241, 0, 640)):
         rect = Rect(top, bottom, left, right)
         halves = [Rect(top, (top + bottom) // 2, left, right), Rect((top + bottom) // 2, bottom, left, right)]
-        one, two = renderer.strips([[(view, rect)], [(view, half) for half in halves if half.bottom > half.top]])
+        one, two = cameras.render([[(view, rect)], [(view, half) for half in halves if half.bottom > half.top]])
         assert np.array_equal(one, whole[:, top:bottom, left:right])
         assert np.array_equal(one, two)
 
 
-CASES = [
-    ("hallway", "", False),
-    ("office", "roll_deg=3,pitch_deg=3", True),
-    ("room", "rolling,blur,focal,yaw,right-yaw,baseline", True),
-]
+def test_axes_of_turned_cameras():
+    def axes(heading, side, **errors):
+        return Cameras(None, RIG, disturbances=Disturbances(**errors)).view(0.0, 0.0, heading, side)[1:]
+
+    assert np.array(axes(0.3, 0)) == pytest.approx(np.array([[math.cos(0.3), math.sin(0.3), 0], [0, 0, 1]]))
+    down, up = axes(0.0, 1, pitch_deg=3)
+    assert down == pytest.approx([math.cos(math.radians(3)), 0, -math.sin(math.radians(3))])
+    assert up[0] == pytest.approx(math.sin(math.radians(3)))
+    assert axes(0.0, 0, roll_deg=2)[1] == pytest.approx([0, -math.sin(math.radians(2)), math.cos(math.radians(2))])
+    yaws = [math.degrees(math.atan2(*axes(0.0, side, yaw_deg=1, right_yaw_deg=2)[0][1::-1])) for side in (0, 1)]
+    assert yaws == pytest.approx([1, 3])
 
 
-@pytest.mark.parametrize(("arena", "disturbance", "pedestrian"), CASES)
-def test_the_rasteriser_draws_what_mujoco_draws(arena, disturbance, pedestrian, monkeypatch):
-    """At most one level of 256 off, but for fewer than one color in five hundred at the edges of objects."""
-    wide = (Rect(302, 372, 80, 640), Rect(302, 372, 0, 560))
-    options = {"pedestrian": pedestrian, "disturbances": read_disturbances(disturbance), "fields": wide}
-    ours = Simulation(load_arena(arena, 7), 7, **options)
-    monkeypatch.setattr(cameras, "make_renderer", OpenGLRenderer)
-    try:
-        theirs = Simulation(load_arena(arena, 7), 7, **options)
-    except InputError as error:
-        pytest.skip(str(error))
-    assert isinstance(theirs.cameras.renderer, OpenGLRenderer)
-    rng, off = np.random.default_rng(1), []
-    for _ in range(4):
-        x, y, heading = ours.spawn_points.random(rng)
-        seen = [one.cameras.look(one.data, x, y, heading, Motion(0.5, 0.3)) for one in (ours, theirs)]
-        for one, other in zip(*seen, strict=True):
-            off += [(a.int() - b.int()).abs().flatten() for a, b in zip(one, other, strict=True)]
-    apart = torch.cat(off)
-    assert float((apart > 1).float().mean()) < 0.002
-    assert float(apart.float().mean()) < 0.1
-    theirs.close()
+def test_edges_are_where_the_rig_says():
+    """A dark pillar before blank walls: both its sides in the horizon rows of both cameras."""
+    square = ring([(0, -3), (6, -3), (6, 3), (0, 3)], "blank")
+    pillar = ring([(2.5, -0.2), (2.9, -0.2), (2.9, 0.2), (2.5, 0.2)], "door", solid=True)
+    simulation = Simulation(Plan("test", square, (pillar,), (1.0, 0.0, 0.0)), walls="blank")
+    for eye, side in zip(simulation.cameras.look(1.0, 0.0, 0.0), (0.15, -0.15), strict=True):
+        row = eye.row[0, :, 0].float().mean(0)
+        jumps = torch.nonzero((row[1:] - row[:-1]).abs() > 30).flatten() + 0.5
+        depth = torch.tensor(2.5 - 1.0 - RIG.forward)
+        wanted = [float(RIG.project(depth, torch.tensor(y - side), 0.0)[0]) for y in (0.2, -0.2)]
+        assert jumps.tolist() == pytest.approx(wanted, abs=1.0)
+        # The subfields see floor only.
+        assert 0.03 < float(eye.field.float().std()) / 255 * 2 < 0.2
 
 
-def test_other_shapes_are_left_to_mujoco(monkeypatch):
-    spec = mujoco.MjSpec()
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1, 1, 1])
-    assert is_supported(spec.compile())
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[1, 0, 0])
-    model = spec.compile()
-    assert not is_supported(model)
-    clear = mujoco.MjSpec()
-    clear.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1, 1, 1], rgba=[1, 1, 1, 0.5])
-    assert not is_supported(clear.compile())
+def test_cameras_that_are_mounted_pitched_see_what_those_see_that_have_slipped():
+    seen = []
+    for pitch, slipped in ((math.radians(5), 0.0), (0.0, 5.0)):
+        rig = StereoRig(pitch=pitch, forward=0.15)
+        disturbances = Disturbances(pitch_deg=slipped)
+        simulation = Simulation(load_arena("room"), 3, rig=rig, disturbances=disturbances, full_frames=True)
+        seen.append(simulation.read().left)
+    assert torch.equal(*seen)
 
-    def broken(*given):
-        raise RuntimeError("no display")
 
-    monkeypatch.setattr(mujoco, "Renderer", broken)
-    with pytest.raises(InputError, match=r"needs OpenGL.*no display.*set MUJOCO_GL=egl"):
-        OpenGLRenderer(model, LENS)
+def test_nothing_is_painted_twice():
+    """Where a square metre of carpet looks like another one, it is the same one."""
+    floor, bounds = floor_texture(load_arena("room"), np.random.default_rng(0))
+    assert floor.shape[0] == pytest.approx((bounds[3] - bounds[2]) * 128)
+    grey = floor.mean(-1) - floor.mean()
+    correlation = np.fft.ifft2(np.abs(np.fft.fft2(grey)) ** 2).real
+    correlation /= correlation[0, 0]
+    correlation[:128, :128] = correlation[:128, -128:] = correlation[-128:, :128] = correlation[-128:, -128:] = 0
+    assert correlation.max() < 0.3
+    assert 0.02 < grey.std() / 255 < 0.05
+
+
+def test_packing_cuts_long_surfaces():
+    rng = np.random.default_rng(0)
+    surfaces = [Surface(rng.integers(0, 255, (9, n, 3), dtype=np.uint8), 2.0) for n in (300, 50, 120)]
+    atlas, patches = pack(surfaces, width=128, margin=2)
+    assert [len(p) for p in patches] == [3, 1, 1]
+    for surface, cut in zip(surfaces, patches, strict=True):
+        parts = []
+        for p in cut:
+            u = [round(v * atlas.shape[1]) for v in (p.start, p.end)]
+            v = [round((1 - w) * atlas.shape[0]) for w in (p.top, p.bottom)]
+            parts.append(atlas[v[0] : v[1], u[0] : u[1]])
+            assert (atlas[v[0], u[0] - 2 : u[0]] == atlas[v[0], u[0]]).all()
+        assert np.array_equal(np.concatenate(parts, 1), surface.texels)

@@ -219,10 +219,10 @@ def hallway_map(context: Context, seeds: list[int], seconds: float, noisy: bool)
 
 def arenas(context: Context, seed: int) -> None:
     """The buildings from above."""
-    from ndtorch_robot.sim.arenas import arenas
+    from ndtorch_robot.sim.arenas import BUILDINGS
 
     figure, axes = panels(2, 3, 14, 8.5)
-    for one, name in zip(axes, arenas(test=False), strict=True):
+    for one, name in zip(axes, BUILDINGS, strict=True):
         draw_plan(one, load_arena(name, seed))
         one.set_title(name)
     words = "The simulated buildings from above, doors brown; the paper's hallway is in (a) with its door spacing."
