@@ -121,7 +121,7 @@ def test_extras_are_those_that_exist() -> None:
 def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
     program = (
         "import sys\nfrom ndtorch.cli.commands import main\nassert main(['--help']) == 0\n"
-        "print(*[m for m in ('torch', 'numpy', 'cv2', 'gymnasium', 'matplotlib', 'pydantic', 'tyro') if m in sys.modules])"
+        "print(*[m for m in ('torch', 'numpy', 'cv2', 'matplotlib', 'pydantic', 'tyro') if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False

@@ -15,8 +15,7 @@ import torch
 from matplotlib.collections import LineCollection
 
 from ndtorch.navigation import Navigator, StereoRanging
-from ndtorch_robot.gym import register
-from ndtorch_robot.gym.environment import strips_of
+from ndtorch_robot.gym import register, strips_of
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG
 

@@ -17,8 +17,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from ndtorch.navigation import Command, Navigator
-from ndtorch_robot.gym import register
-from ndtorch_robot.gym.environment import strips_of
+from ndtorch_robot.gym import register, strips_of
 from ndtorch_robot.obstacles import nearest_by_sector, seen_obstacles
 from ndtorch_robot.sim.simulation import RIG
 

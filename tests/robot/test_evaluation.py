@@ -32,7 +32,7 @@ from ndtorch_robot.evaluation.plots import table_plot
 from ndtorch_robot.evaluation.record import Record
 from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
 from ndtorch_robot.sim.plan import Plan, cylinder, ring
-from ndtorch_robot.sim.procedural_textures import ALONG
+from ndtorch_robot.sim.textures import ALONG
 from ndtorch_robot.sim.shapes import Box, trace
 from ndtorch_robot.sim.simulation import Collision
 
@@ -103,8 +103,8 @@ def test_rows_are_of_all_drives_together():
 def test_rows_tell_disturbances_gates_and_people():
     drives = [
         summary(),
-        summary(disturbance="noise", gates=[1, 2], people_hit=1),
-        summary(seed=2, disturbance="noise", gates=[2, 2]),
+        summary(disturbance="noise", people_hit=1),
+        summary(seed=2, disturbance="noise", x=1),
     ]
     plain, noisy = rows_of(drives)
     assert (plain["disturbance"], noisy["disturbance"]) == ("", "noise")

@@ -1,1 +1,1 @@
-"""A simulated world on MuJoCo: buildings, a car with two cameras, and the truth about both for the scorer."""
+"""A simulated world: buildings, a car with two cameras, and the truth about both for the scorer."""

@@ -80,10 +80,10 @@ class Floor:
             return np.where((column + row[:, None]) % 2 == 1, *CHECKS).astype(np.float32)
         across, along = (1 - (1 - DARK) * covered(axis, step, width) for axis in (x, y))
         if self.pattern == "lines":
-            return across
+            return np.asarray(across)
         column, row = column - column.min(), row - row.min()
         tones = 1 + TONES * rng.standard_normal((row.max() + 1, column.max() + 1))
-        return (tones[row][:, column] * np.minimum(across, along[:, None])).astype(np.float32)
+        return np.asarray(tones[row][:, column] * np.minimum(across, along[:, None]), np.float32)
 
 
 def covered(middles: Array, step: float, width: float) -> Array:
@@ -144,8 +144,8 @@ class RingStyle:
         self.texture = np.where(widths == 2.0, 0.0, rng.uniform(0.5, 1.5, len(widths)))
         self.knots = rng.normal(0, 0.04, int(length / 0.7) + 3)
         count = int(length / 2.5)
-        ranges = ((0, length), (0.1, 0.45), (1.2, 1.5), (0.2, 0.4))  # middle, width, lower side, height
-        self.papers = np.stack([rng.uniform(*ends, count) for ends in ranges], -1)
+        ranges = ((0.0, length), (0.1, 0.45), (1.2, 1.5), (0.2, 0.4))  # middle, width, lower side, height
+        self.papers = np.stack([rng.uniform(low, high, count) for low, high in ranges], -1)
         self.tone = float(rng.uniform(0.85, 1.1))
         self.paper_colors = rng.uniform(0.25, 0.95, (count, 3))
 

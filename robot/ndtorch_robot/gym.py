@@ -1,4 +1,7 @@
-"""A simulated drive as an environment: what the cameras see in, speed and curvature out."""
+"""The simulated drives as environments of Gymnasium: after `register()`, `gymnasium.make("ndtorch/Office-v0")`.
+
+What the cameras see in, speed and curvature out.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.config import RATE
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.safety import SafeDrive
-from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.arenas import ARENAS, load_arena
 from ndtorch_robot.sim.car import CarLimits
 from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.simulation import RIG, Simulation
@@ -32,6 +35,21 @@ CONTACT = 10.0
 
 CELL, PASS = 0.5, 3.0
 """New ground is counted in cells of this side, m, and each for so many seconds from when it was first entered."""
+
+EPISODE_STEPS = 1800
+"""Steps of an episode at most, a minute of 30 frames a second; `max_episode_steps` of `gymnasium.make` changes it."""
+
+ENVIRONMENTS = {"".join(word.capitalize() for word in arena.split("-")): arena for arena in ARENAS}
+"""Arenas by the names of their environments; `ndtorch/Drive-v0` takes any `arena`, and those of a `.toml` file too."""
+
+
+def register() -> None:
+    """Make all environments known to Gymnasium; those that are known already stay as they are."""
+    wanted = {f"ndtorch/{name}-v0": {"arena": arena} for name, arena in ENVIRONMENTS.items()}
+    for name, given in (wanted | {"ndtorch/Drive-v0": {}}).items():
+        if name not in gymnasium.registry:
+            entry = "ndtorch_robot.gym:DriveEnv"
+            gymnasium.register(name, entry_point=entry, max_episode_steps=EPISODE_STEPS, kwargs=given)
 
 
 class DriveEnv(gymnasium.Env[Observation, Action]):
@@ -118,24 +136,23 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         drawn = int(self.np_random.integers(2**31))
         building = drawn if self.building is None else self.building
         if self.simulation is None or self.built != building:
-            self.close()
-            self.simulation, self.built = self.build(building), building
+            self.built, self.simulation = (
+                building,
+                Simulation(
+                    load_arena(self.arena, building),
+                    building,
+                    walls=self.walls,
+                    pedestrian=self.moving,
+                    full_frames=not self.strips or self.render_mode is not None,
+                    fields=self.fields,
+                    disturbances=self.disturbances,
+                    rate=self.rate,
+                ),
+            )
         self.simulation.begin(drawn)
         self.safe = SafeDrive(self.simulation, self.simulation)
         self.frames, self.entered = self.simulation.read(), {}
-        return self.seen(self.frames), self.info(self.simulation, self.simulation.driven())
-
-    def build(self, building: int) -> Simulation:
-        return Simulation(
-            load_arena(self.arena, building),
-            building,
-            walls=self.walls,
-            pedestrian=self.moving,
-            full_frames=not self.strips or self.render_mode is not None,
-            fields=self.fields,
-            disturbances=self.disturbances,
-            rate=self.rate,
-        )
+        return self.observation(self.frames), self.info(self.simulation, self.simulation.driven())
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         if self.simulation is None or self.safe is None:
@@ -147,19 +164,14 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         simulation.wait_until(simulation.now() + 1 / simulation.rate)
         self.frames = simulation.read()
         hit = len(simulation.collisions) > hits
-        # The car's own length, not what its odometer says of it.
-        length = simulation.car.length
-        reward = (length if length < 0 or self.on_new_ground(simulation) else 0.0) - CONTACT * hit
+        # The car's own length, not what its odometer says of it; new ground was first entered a moment ago.
+        (x, y, _), now, length = simulation.pose, simulation.now(), simulation.car.length
+        entered = self.entered.setdefault((math.floor(x / CELL), math.floor(y / CELL)), now)
+        reward = (length if length < 0 or now - entered <= PASS else 0.0) - CONTACT * hit
         driven = simulation.driven()
-        return self.seen(self.frames), reward, hit, False, self.info(simulation, driven)
+        return self.observation(self.frames), reward, hit, False, self.info(simulation, driven)
 
-    def on_new_ground(self, simulation: Simulation) -> bool:
-        """Whether the cell of ground under the car was first entered a moment ago."""
-        x, y, _ = simulation.pose
-        now, cell = simulation.now(), (math.floor(x / CELL), math.floor(y / CELL))
-        return now - self.entered.setdefault(cell, now) <= PASS
-
-    def seen(self, frames: StereoFrames) -> Observation:
+    def observation(self, frames: StereoFrames) -> Observation:
         both = (frames.left, frames.right)
         if not self.strips:
             return {name: pixels(frame) for name, frame in zip(("left", "right"), both, strict=True)}
@@ -186,8 +198,6 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         return np.ascontiguousarray(pixels(self.frames.left).transpose(1, 2, 0))
 
     def close(self) -> None:
-        if self.simulation is not None:
-            self.simulation.close()
         self.simulation = self.safe = self.frames = None
 
 
