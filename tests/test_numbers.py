@@ -75,7 +75,7 @@ def classes() -> dict[str, type]:
     """All that are made of numbers with defaults."""
     pytest.importorskip("serial")
     found = [kind for module in modules() for kind in vars(module).values() if inspect.isclass(kind)]
-    chosen = [kind for kind in (*found) if is_frozen(kind) and usual(kind)]
+    chosen = [kind for kind in found if is_frozen(kind) and usual(kind)]
     return {f"{kind.__module__}.{kind.__qualname__}": kind for kind in chosen}
 
 

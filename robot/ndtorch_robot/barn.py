@@ -186,7 +186,7 @@ def attempt(entry: Entry) -> Attempt:
     car.run(warm_up=False)
     seconds = simulation.collisions[0].time if simulation.collisions else simulation.now()
     score = world.score(seconds if referee.success else None)
-    step = car.loop.timer.summary().get("navigate", {}).get("p50", 0.0)
+    step = car.timer.summary().get("navigate", {}).get("p50", 0.0)
     outcome = referee.success, referee.collided, round(seconds, 2), round(score, 4)
     return Attempt(world.number, *outcome, referee.path, round(step, 2))
 

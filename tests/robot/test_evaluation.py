@@ -32,9 +32,9 @@ from ndtorch_robot.evaluation.plots import table_plot
 from ndtorch_robot.evaluation.record import Record
 from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
 from ndtorch_robot.sim.plan import Plan, cylinder, ring
-from ndtorch_robot.sim.textures import ALONG
 from ndtorch_robot.sim.shapes import Box, trace
 from ndtorch_robot.sim.simulation import Collision
+from ndtorch_robot.sim.textures import ALONG
 
 MAP = ("precision", "recall", "position_error_cm", "spacing_error_percent", "surfaces")
 

@@ -18,7 +18,7 @@ MARKS = {"works": "ok  ", "missing": "-   ", "fails": "FAIL"}
 NEEDED = ("torch", "numpy", "numba", "scipy", "cv2", "av", "serial", "mcap", "rosbags.typesys")
 """Modules without which something that is always promised does not work; they are loaded."""
 
-OPTIONAL = {"mujoco": "simulated cars", "gymnasium": "learning to drive", "rerun": "the viewer", "pyarrow": "Parquet"}
+OPTIONAL = {"gymnasium": "learning to drive", "rerun": "the viewer", "pyarrow": "Parquet"}
 
 
 class Finding(NamedTuple):

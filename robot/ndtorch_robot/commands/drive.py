@@ -180,11 +180,10 @@ def describe(result: Result) -> str:
         *located,
         f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms",
     ]
-    (passed_gates, gates), faults, troubles = s["gates"], s["faults"], s["troubles"]
+    faults, troubles = s["faults"], s["troubles"]
     hit = f"people hit {s['people_hit']}, hit while standing {s['hit_while_standing']}"
     lines[3:3] = [
         *([f"  stood {len(faults)} times because of its cameras; the first: {faults[0]}"] if faults else []),
-        *([f"  gates passed {passed_gates} of {gates}"] if gates else []),
         *([f"  stood because {'; '.join(troubles)}"] if troubles else []),
         *([f"  places hit {s['collision_places']}, {hit}"] if s["collisions"] else []),
     ]

@@ -100,10 +100,6 @@ COLUMNS = (
     Column("hits_1000", "collisions/1000 body lengths", hits_1000, "{:.2f}", True),
     Column("passed", "passed within 1 m %", lambda d: total(d, "free_area_passed") / len(d), "{:.0%}"),
     Column("passed_close", "passed within 0.4 m %", passed_close, "{:.0%}"),
-    Column(
-        "gates", "gates passed", lambda d: tuple(sum(one["gates"][k] for one in d if "gates" in one) for k in (0, 1)),
-        "{} of {}", True,
-    ),
     Column("precision", "map precision %", of_maps("precision"), "{:.0%}"),
     Column("surfaces", "map within 10 cm of surfaces %", of_maps("surfaces"), "{:.0%}"),
     Column("recall", "map recall %", of_maps("recall"), "{:.0%}"),
