@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import InitVar, dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, Self
 
@@ -58,6 +59,10 @@ class CameraPair(Protocol):
         ...
 
 
+_SEAL = object()
+
+
+@dataclass(frozen=True)
 class SafeCommand:
     """A command that has passed the safety layer; drives obey nothing else.
 
@@ -65,35 +70,24 @@ class SafeCommand:
     both making one without the seal and sending anything else raise `TypeError`.
 
     Attributes:
-        speed, curvature: m/s and 1/m.
+        command: speed and curvature.
         time: at which it passed, on the clock of the loop; a drive in real time refuses an old one.
     """
 
-    __slots__ = ("curvature", "speed", "time")
+    command: DriveCommand
+    time: float
+    seal: InitVar[object]
 
-    def __init__(self, command: DriveCommand, time: float, seal: object) -> None:
+    def __post_init__(self, seal: object) -> None:
         if seal is not _SEAL:
             raise TypeError("only robot.safety may make a SafeCommand: send through a SafeDrive")
-        for name, value in zip(self.__slots__, (command.curvature, command.speed, time), strict=True):
-            object.__setattr__(self, name, value)
-
-    speed: float
-    curvature: float
-    time: float
-
-    def __setattr__(self, name: str, value: object) -> None:
-        """Refused: a command that has passed does not change."""
-        raise AttributeError(f"a SafeCommand cannot be changed, got {name}={value!r}")
-
-
-_SEAL = object()
 
 
 def unseal(command: SafeCommand) -> DriveCommand:
     """The command; every drive begins its `send` with this. Raises `TypeError` for anything else."""
     if type(command) is not SafeCommand:
         raise TypeError(f"a drive obeys only a SafeCommand, got {type(command).__name__}: send through a SafeDrive")
-    return DriveCommand(command.speed, command.curvature)
+    return command.command
 
 
 class Drive(Protocol):

@@ -9,7 +9,6 @@ import sys
 import termios
 import time
 from contextlib import contextmanager
-from functools import partial
 
 import pytest
 
@@ -19,10 +18,6 @@ from tests.robot.support.board_needed import needs_board
 from tests.stalls import OTHERS
 
 pytestmark = [needs_board, pytest.mark.slow, pytest.mark.realtime]
-
-
-seldom = partial(pytest.param, marks=pytest.mark.long)
-"""Cases whose reason `tests/fault_injection` and the tests of the safety layer and the link have in simulated time."""
 
 
 @pytest.fixture(scope="module")
@@ -36,12 +31,9 @@ def garage():
     ("fault", "words", "goes_on"),
     [
         ("unplugged", ["left camera gives no frames"], True),
-        seldom("left frozen", ["left camera", "same image"], False),
         ("both frozen", ["same image"], False),
         ("black", ["right camera", "black"], True),
-        seldom("half rate", ["frames a second, 30 are wanted"], True),
         ("late", ["no pair of frames"], True),
-        seldom("jumping", ["ahead"], True),
         ("hang", ["sent nothing for"], False),
     ],
 )
@@ -67,12 +59,7 @@ def test_cameras(garage, fault, words, goes_on):
         ("unplug", ["serial port is gone"], "plug"),
         ("up silence", ["board has stopped", "no "], "up clean"),
         ("up garbage", ["board has stopped"], "up clean"),
-        seldom("up duplicate", ["board has stopped", "refused"], "up clean"),
-        # Too many refused frames, or no heartbeat, when each comes after the command behind it and is refused.
-        seldom("up reorder", ["board has stopped"], "up clean"),
         ("up version", ["board has stopped", "another protocol version"], "up clean"),
-        seldom("down garbage", ["link: "], "down clean"),
-        seldom("down duplicate", ["many frames from the board are refused"], "down clean"),
         ("down silence", ["lost: no valid telemetry"], "down clean"),
         ("down version", ["board speaks version 2", "flash"], "down clean"),
         ("stall", ["lost: no valid telemetry"], None),

@@ -27,55 +27,25 @@ from tests.robot.support.bench import bench
 from tests.robot.support.board_needed import FIRMWARE, needs_board
 
 
+def make(*targets):
+    return subprocess.run(["make", "-s", "-C", FIRMWARE, *targets], capture_output=True, text=True, check=False)
+
+
 def test_own_tests_and_a_short_fuzzing():
-    done = subprocess.run(["make", "-s", "-C", FIRMWARE, "test"], capture_output=True, text=True, check=False)
+    done = make("test")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "checks passed" in done.stdout
     assert "0 accepted that were not sent" in done.stdout
 
 
-def make(folder, *targets):
-    return subprocess.run(["make", "-s", "-C", folder, *targets], capture_output=True, text=True, check=False)
-
-
 @needs_board
 def test_own_tests_on_a_board():
     """An int of the board has 16 bits: sums that are right on this computer may be wrong there."""
-    done = make(FIRMWARE, "test-board", "BOARD_INPUTS=300")
+    done = make("test-board", "BOARD_INPUTS=300")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "checks passed, int has 16 bits" in done.stdout
     assert "30 drives" in done.stdout
     assert "0 accepted that were not sent" in done.stdout
-
-
-def changed(folder, file, old, new):
-    """A copy of the firmware with that change in it."""
-    shutil.copytree(FIRMWARE, folder, ignore=shutil.ignore_patterns("build"))
-    text = (folder / file).read_text()
-    assert len(re.findall(old, text)) == 1
-    (folder / file).write_text(re.sub(old, new, text))
-    return folder
-
-
-@needs_board
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        (r"\(int32_t\)(?=d->brake_us - )", "", "does not hold"),
-        (r"\(uint32_t\)(?=ACCELERATION_MM_S2 )", "", "> 30 drives"),
-    ],
-)
-def test_a_sum_too_wide_for_the_board_is_noticed(tmp_path, old, new, said):
-    """On this computer, whose int has 32 bits, it is right."""
-    folder = changed(tmp_path / "firmware", "drive.c", old, new)
-    done = make(folder, "HOST=cc -w", "build/test", "build/drives")
-    assert done.returncode == 0, done.stderr
-    for program in ("test", "drives"):
-        assert subprocess.run([folder / "build" / program], capture_output=True, check=False).returncode == 0
-    done = make(folder, "HOST=cc -w", "CROSS=avr-gcc -w", "test-board")
-    assert done.returncode != 0
-    assert said in done.stdout + done.stderr
 
 
 COMPILERS = ["cc", pytest.param("avr-gcc -mmcu=atmega328p", marks=needs_board)]
@@ -89,50 +59,27 @@ COMPILERS = ["cc", pytest.param("avr-gcc -mmcu=atmega328p", marks=needs_board)]
         ("BATTERY_EMPTY_MV", "900", False),
         ("ROBOT_NAME", '"short"', False),
         ("MIN_PULSE_US", "499", False),
-        ("MAX_PULSE_US", "2501", False),
         ("MOTOR_BRAKE_US", "(MIN_PULSE_US - 1)", False),
-        ("MOTOR_TAP_US", "(MOTOR_BRAKE_US - 1)", False),
-        ("MOTOR_TAP_US", "(MOTOR_NEUTRAL_US - MOTOR_DEAD_BAND_US)", False),
-        ("MOTOR_NEUTRAL_US", "MAX_PULSE_US", False),
         ("FRONT_NEUTRAL_US", "MIN_PULSE_US", False),
-        ("REAR_NEUTRAL_US", "MAX_PULSE_US", False),
         ("MAX_SPEED_MM_S", "5001", False),
-        ("MAX_CURVATURE_1_KM", "10001", False),
-        ("BATTERY_LOW_SPEED_MM_S", "(MAX_SPEED_MM_S + 1)", False),
         ("BATTERY_LOW_SPEED_MM_S", "MAX_SPEED_MM_S", True),  # no limit
-        ("BATTERY_ABSENT_MV", "0", True),
-        ("BATTERY_ABSENT_MV", "(-1)", False),
-        ("BATTERY_FULL_SCALE_MV", "65535", True),
-        ("BATTERY_FULL_SCALE_MV", "65536", False),
-        ("BATTERY_FULL_SCALE_MV", "BATTERY_LOW_MV", False),
-        ("NOISE_LIMIT", "2", True),
         ("NOISE_LIMIT", "1", False),
-        ("NOISE_LIMIT", "101", False),
-        ("NOISE_MS", "0", False),
         ("ACCELERATION_MM_S2", "100000", True),
         ("ACCELERATION_MM_S2", "100001", False),
-        ("ACCELERATION_MM_S2", "0", False),
-        ("MOTOR_US_PER_M_S", "0", False),
-        ("MOTOR_US_PER_M_S", "10001", False),
-        ("MOTOR_DEAD_BAND_US", "(-1)", False),
-        ("FRONT_US_PER_1_M", "(-10000)", True),
-        ("FRONT_US_PER_1_M", "(-10001)", False),
-        ("REAR_US_PER_1_M", "10000", True),
-        ("REAR_US_PER_1_M", "10001", False),
-        ("COMMAND_TIMEOUT_MS", "1000", True),
+        ("REAR_US_PER_1_M", "(-10000)", True),
+        ("REAR_US_PER_1_M", "(-10001)", False),
         ("COMMAND_TIMEOUT_MS", "1001", False),
-        ("COMMAND_TIMEOUT_MS", "0", False),
-        ("HEARTBEAT_TIMEOUT_MS", "1001", False),
         ("HEARTBEAT_TIMEOUT_MS", "0", False),
-        ("BRAKE_MS", "70000", True),
-        ("BRAKE_MS", "0", False),
-        ("PAUSE_MS", "0", False),
-        ("FORWARD_MS", "(-1)", False),
-        ("BATTERY_LASTS_MS", "0", False),
     ],
 )
 def test_numbers_of_a_car_are_taken_or_refused_when_it_is_compiled(tmp_path, compiler, name, value, taken):
-    folder = changed(tmp_path / "firmware", "config.h", rf"(?m)^#define {name} [^/\n]*", f"#define {name} {value} ")
+    folder = tmp_path / "firmware"
+    shutil.copytree(FIRMWARE, folder, ignore=shutil.ignore_patterns("build"))
+    text, count = re.subn(
+        rf"(?m)^#define {name} [^/\n]*", f"#define {name} {value} ", (folder / "config.h").read_text()
+    )
+    assert count == 1
+    (folder / "config.h").write_text(text)
     flags = ["-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror", "-O1", "-c", "-o"]
     done = subprocess.run(
         [*compiler.split(), *flags, tmp_path / "drive.o", folder / "drive.c"],
@@ -156,7 +103,7 @@ def test_both_sides_mean_the_same():
 
 @needs_board
 def test_fits_the_board():
-    subprocess.run(["make", "-s", "-C", FIRMWARE, "all"], check=True)
+    assert make("all").returncode == 0
     size = subprocess.run(["avr-size", FIRMWARE / "build" / "firmware.elf"], capture_output=True, text=True, check=True)
     code, data, zeroed = (int(n) for n in size.stdout.splitlines()[1].split()[:3])
     assert code + data < 32256  # 32 kB less the boot loader

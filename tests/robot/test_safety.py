@@ -43,8 +43,8 @@ def test_only_the_safety_layer_makes_commands():
     drive, kept = PlainDrive(), []
     drive.send = lambda command: kept.append(command) or unseal(command)
     SafeDrive(drive, SimulatedClock()).send(DriveCommand(0.5, 0.0))
-    with pytest.raises(AttributeError, match="cannot be changed"):
-        kept[0].speed = 3.0
+    with pytest.raises(AttributeError, match="cannot assign"):
+        kept[0].command = DriveCommand(3.0, 0.0)
     users = set()
     for path in ROBOT.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -367,7 +367,7 @@ def test_steps_without_frames_stand_and_restart_the_filters():
 
 
 PROGRAM = """
-import termios, time
+import termios, threading, time
 from ndtorch_robot.emergency import emergency_stops
 from ndtorch_robot.car import MonotonicClock
 from ndtorch_robot.ports import DriveCommand
@@ -376,7 +376,8 @@ from tests.robot.support.cars import PlainDrive
 
 drive = PlainDrive()
 safe = SafeDrive(drive, MonotonicClock(), report=lambda line: print(f"{time.monotonic():.4f} {line}", flush=True))
-with emergency_stops(safe) as ended:
+ended = threading.Event()
+with emergency_stops(safe, ended):
     safe.send(DriveCommand(0.5, 0.0))
     print("ready", flush=True)
     while not ended.is_set():

@@ -203,7 +203,7 @@ class MavlinkDrive(Drive):
         connection.drive = self
 
     def send(self, command: SafeCommand) -> DriveCommand:
-        """Drive like this, if the safety layer made it; returns what was sent, a stop when it does not obey."""
+        """Drive like this; returns what was sent, a stop when it does not obey."""
         wanted, now = unseal(command), self.now()
         with self.lock:
             self.commanded = now
