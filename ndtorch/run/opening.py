@@ -29,8 +29,7 @@ from ndtorch.run.options import (
 )
 from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.named import SECONDS
-from ndtorch.scenes.stamps import SourceFrames
-from ndtorch.scenes.video import Fit, VideoSource, open_video
+from ndtorch.scenes.video import Fit, SourceFrames, VideoSource, open_video
 from ndtorch.utils.toml import Strict, check
 
 STATE = "state.safetensors"
@@ -201,7 +200,7 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
     every, fps = about["every"] or 1, about["video_fps"]
     if live and about["frames"]:
         fps = about["fps"] * every  # the model was made for the rate that was measured then
-    video = open_video(name, size, fps, first, job.stop, fit, job.follow_redirects, every)
+    video = open_video(name, size, fps, first, job.stop, fit, every)
     seconds = job.seconds if job.seconds is not None else (CAMERA_SECONDS if live and job.stop is None else None)
     return video if seconds is None else Limited(video, seconds, begin)
 

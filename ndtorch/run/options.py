@@ -48,8 +48,6 @@ class BindJob:
     """Videos: use every n-th frame, where the model is too slow for all."""
     fit: str | None = None
     """Videos: crop to the middle square (default) or stretch. The model foreground takes the whole picture."""
-    follow_redirects: bool = False
-    """Addresses: follow a server that names another host."""
     device: str = "cpu"
     """Torch device."""
     pictures: float = 5.0

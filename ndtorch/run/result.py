@@ -13,7 +13,7 @@ from torch import Tensor
 from ndtorch.binding import BindingModel, BoundObject, ObjectTable, Verdict
 from ndtorch.run.watchers import Pixels, Watcher
 from ndtorch.scenes.base import SAME_PIXELS, PixelMap
-from ndtorch.scenes.stamps import SourceFrames
+from ndtorch.scenes.video import SourceFrames
 
 Floats = npt.NDArray[np.float32]
 

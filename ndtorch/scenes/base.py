@@ -16,7 +16,7 @@ from ndtorch.errors import InputError
 from ndtorch.utils.tensors import keep_freed_memory
 
 if TYPE_CHECKING:
-    from ndtorch.scenes.stamps import SourceFrames
+    from ndtorch.scenes.video import SourceFrames
 
 
 class PixelMap(NamedTuple):

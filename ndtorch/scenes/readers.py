@@ -1,116 +1,51 @@
-"""What readers of videos, folders and cameras offer, and what files are checked for before they are opened."""
+"""Readers of video files, folders of images, cameras and streams: decoded frames with time stamps."""
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
+import re
+import time
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.addresses import check_scheme, limited_ffmpeg, redirected
 
-
-@contextmanager
-def quiet_opencv() -> Iterator[None]:
-    """Keep OpenCV's own messages off stderr: what went wrong is said once, in an `InputError`.
-
-    OpenCV's log level is put back afterwards. FFmpeg inside OpenCV takes its level from the environment once,
-    as the first video is opened; it stays quiet for the process unless `OPENCV_FFMPEG_LOGLEVEL` was set.
-    """
-    import cv2
-
-    variable = "OPENCV_FFMPEG_LOGLEVEL"
-    level = cv2.utils.logging.getLogLevel()
-    ours = variable not in os.environ
-    if ours:
-        os.environ[variable] = "-8"
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        yield
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-        if ours:
-            os.environ.pop(variable, None)
-
-
-MOST_PIXELS = 2**26
-"""Pixels of the largest picture that is decoded, 8192 x 8192: a file of some bytes may claim any size."""
-
-LONGEST = 2**15
-"""Pixels of the longest side of a picture."""
-
-LIMITS = {"NDTORCH_MOST_PIXELS": (MOST_PIXELS, 2**27), "NDTORCH_LONGEST_SIDE": (LONGEST, 2**20)}
-"""Variables of the environment that set other limits: their values where they are not set, and the most they may be."""
-
+MOST_PIXELS, LONGEST = 2**26, 2**15
+"""Pixels of the largest picture that is decoded, and of its longest side: a small file may claim any size."""
+PACKETS = 20_000
+"""Number of packets whose time stamps give the rate of a file."""
+RAW_FPS, FOLDER_FPS, BELIEVED = 25.0, 30.0, 240.0
+"""Rates of films without time stamps and of folders; the largest declared rate that counts without time stamps."""
+SAMPLES = 12
+"""Number of images by which the range of deep images is found."""
+SILENCE_S = 10.0
+"""Seconds without a frame after which a stream has ended."""
+FIRST_FRAMES, FIRST_S = 30, 1.5
+"""Frames, or seconds, over which the rate of a camera is measured."""
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
+VIDEO_SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".mts", ".wmv", ".h264")
 LISTS = (b"ffconcat", b"#EXTM3U", b"<?xml", b"<MPD", b"[playlist]", b"[reference]", b"v=0")
-"""How files begin that make FFmpeg open others: a video is one file, and opens none."""
-
-
-def is_text(path: Path) -> bool:
-    """Whether a file is text, or begins as those do that name other files to be opened."""
-    with path.open("rb") as file:
-        head = file.read(4096)
-    if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(LISTS):
-        return True
-    return (
-        not head.startswith(b"YUV4MPEG2")
-        and all(byte >= 32 or byte in b"\t\n\r\f\x1b" for byte in head[:512])
-        and (_decodes(head))
-    )
-
-
-def _decodes(head: bytes) -> bool:
-    """Whether bytes are UTF-8, but for a letter that is cut at the end."""
-    try:
-        head.decode()
-    except UnicodeDecodeError as error:
-        return error.start >= len(head) - 3
-    return True
-
-
-def claimed_size(path: Path) -> tuple[int, int]:
-    """Height and width of an image as its header has them; nothing is decoded."""
-    from PIL import Image as Headers
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Headers.DecompressionBombWarning)  # `check_pixels` has the word on that
-            with Headers.open(path) as image:
-                return image.height, image.width
-    except Headers.DecompressionBombError:
-        raise InputError(
-            f"image {path} cannot be used: it claims more than {limit('NDTORCH_MOST_PIXELS')} pixels"
-        ) from None
-    except Exception:
-        raise InputError(f"image {path} cannot be read: empty, damaged or not an image") from None
-
-
-def limit(name: str) -> int:
-    """One of `LIMITS`, as the environment has it now. Raises `InputError`: it is no number, or out of range."""
-    usual, most = LIMITS[name]
-    given = os.environ.get(name, "")
-    if not given:
-        return usual
-    if not (given.isascii() and given.isdigit() and len(given) < 12 and 1 <= int(given) <= most):
-        raise InputError(f"{name} must be a number of pixels from 1 to {most}, got {given!r}")
-    return int(given)
-
-
-def check_pixels(what: str, height: int, width: int) -> None:
-    """Raise `InputError` for pictures of more pixels, or of a longer side, than the limits allow."""
-    most, longest = limit("NDTORCH_MOST_PIXELS"), limit("NDTORCH_LONGEST_SIDE")
-    if height * width > most or max(height, width) > longest:
-        raise InputError(
-            f"{what} cannot be used: {width} x {height} pixels, {most} in all and {longest} a side are the most "
-            f"({' and '.join(LIMITS)} set other limits)"
-        )
-
+"""First bytes of files that make FFmpeg open others: a video is one file, and opens none."""
+SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "rtmps", "rtp", "udp", "srt", "tcp")
+FORMATS = (
+    "mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mpjpeg,mjpeg,jpeg_pipe,h264,hevc,av1,obu,ivf,m4v,gif,"
+    "mxf,nut,yuv4mpegpipe,rtsp,rtp"
+)
+"""Formats of an address that hold pictures themselves. Playlists (HLS, DASH, concat) name further addresses."""
+ARRIVAL = ("mpjpeg", "mjpeg", "h264", "hevc", "image2pipe", "jpeg_pipe", "m4v")
+"""Formats without time stamps: frames get the time at which they arrive."""
+DEPTH_AND_COLOR = 2 | 4
+"""`cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR`: depth and channels as they are, turned upright, no transparency."""
+ATTACHED = 0x0400
+"""Flag of a stream that is the cover of a piece of music (AV_DISPOSITION_ATTACHED_PIC)."""
 
 Image = np.ndarray[Any, np.dtype[Any]]
 """`[H, W, 3]` in blue, green, red, or `[H, W]` in grey; uint8, or what the file has where it has more."""
@@ -124,76 +59,454 @@ class Frame(NamedTuple):
 
 
 class Reader(ABC):
-    """Where frames come from.
+    """A source of decoded frames.
 
     Attributes:
-        fps: rate of the frames as their time stamps show it, else as the source declares it; may be nonsense.
+        fps: rate of the frames by their time stamps, else as the source declares it; may be nonsense.
+        stamps: time stamps of all frames where they are known beforehand.
         count: number of frames, or None where it is not known before the last one.
-        ticks: number of frames at a constant rate, by the time stamps; as `count`.
+        promised: number of frames by the header, 0 where it has none.
         live: whether frames pass only once.
         timed: whether time stamps say when a frame is to be seen; False takes frames as they follow.
-        size: height and width of a frame as it comes.
+        size: height and width of a frame.
         names: file names of the frames, of a folder.
-        notes: what is to be said of the source, a line each.
+        notes: remarks on the source, a line each.
+        ended: why a live source delivers no more frames.
     """
 
     fps: float
-    count: int | None
-    ticks: int | None
-    live: bool = False
-    timed: bool = False
+    count: int | None = None
+    promised = 0
+    live = False
+    timed = False
     size: tuple[int, int]
+    stamps: Sequence[float] = ()
     names: Sequence[str] | None = None
     notes: Sequence[str] = ()
+    ended = ""
 
     @abstractmethod
     def read(self) -> Iterator[Frame]:
         """Frames from the first on, until no more can be decoded. A live source goes on where it is."""
 
-    def samples(self) -> list[tuple[Image, Image]]:
-        """Pairs of successive images from all over the source; none of a live one."""
-        return []
-
-    def is_short(self, decoded: int, last: float) -> bool:
-        """Whether frames are missing at the end: so many were decoded, the last with that stamp."""
-        return self.count is not None and decoded < self.count
+    def samples(self) -> list[Image]:
+        """Some images of the source; none of a live one."""
+        return [frame.image for frame in islice(self.read(), SAMPLES)]
 
     def close(self) -> None:  # noqa: B027  nothing to do for most
-        """Let go of the device, if any is held."""
+        """Close the device, if any is open."""
 
 
-def open_address(address: str, follow_redirects: bool = False) -> Any:
-    """An open `cv2.VideoCapture` of an address, or None."""
-    check_scheme(address)
-    capture = open_capture(address)
-    if capture is None and (to := redirected(address, follow_redirects)) != address:
-        capture = open_capture(to)
-    return capture
+class FileReader(Reader):
+    """A video file, read with PyAV. Every reading opens it anew, so several may go on side by side."""
+
+    def __init__(self, path: Path) -> None:
+        check_file(path)
+        self.path = path
+        container, stream = open_file(path)
+        with container:
+            check_pixels(f"video {path}", stream.codec_context.height, stream.codec_context.width)
+            declared = [float(rate) for rate in (stream.guessed_rate, stream.average_rate) if rate]
+            framerate = stream.codec_context.framerate
+            stamps, whole = packet_stamps(container, stream)
+            self.count = len(stamps) if whole and stamps else int(stream.frames) or None
+            self.promised = max(self.count or 0, int(stream.frames))
+            begin = float((stream.start_time or 0) * stream.time_base)
+            seconds = float(stream.duration * stream.time_base) if stream.duration else (container.duration or 0) / 1e6
+        self.timed = len(stamps) > 1
+        self.fps = rate_of(stamps, declared) if self.timed else RAW_FPS
+        # The header of a file that was cut off has the number of all frames, or their duration.
+        if self.timed and whole and self.fps and stamps[-1] + 2.5 / self.fps < begin + 0.98 * seconds:
+            self.promised = max(self.promised, round(seconds * self.fps))
+        if self.timed:
+            self.stamps = stamps if whole else ()
+        elif self.count != 1:
+            believed = framerate and float(framerate) <= BELIEVED
+            self.fps = float(framerate) if believed else RAW_FPS
+            source = "as it declares" if believed else "assumed"
+            self.notes = [
+                f"video {path.name} has no time stamps: {self.fps:g} frames a second, {source}; --fps changes that"
+            ]
+        first = next(self.read(), None)
+        if first is None:
+            raise InputError(f"video {path} cannot be used: none of its frames can be decoded")
+        self.size = (first.image.shape[0], first.image.shape[1])
+
+    def read(self) -> Iterator[Frame]:
+        container, stream = open_file(self.path)
+        with container:
+            stream.thread_type = "AUTO"
+            last = -1 / (self.fps or RAW_FPS)
+            for frame in decoded(container, stream):
+                stamp = stamp_of(frame)
+                last = last + 1 / (self.fps or RAW_FPS) if math.isnan(stamp) else stamp
+                yield Frame(pixels(frame), last)
+
+
+class ImagesReader(Reader):
+    """The images of a folder in natural order (2.png before 10.png), or the pages of one file (TIFF).
+
+    Hidden files are left out. Images have no time stamps: a constant rate is assumed, and noted.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.fps = path, FOLDER_FPS
+        self.files = image_files(path) if path.is_dir() else [path]
+        if path.is_dir():
+            self.count, what = len(self.files), "images"
+            self.names = [file.name for file in self.files]
+            for file in self.files:
+                claimed_size(file)
+        else:
+            import cv2
+
+            claimed_size(path)
+            with quiet_opencv():
+                self.count, what = cv2.imcount(str(path), DEPTH_AND_COLOR), "pages"
+            if self.count < 2:
+                raise InputError(f"{path} is one image: a video, a folder of images or a TIFF of pages is needed")
+        first = self.image(0)
+        self.size = (first.shape[0], first.shape[1])
+        assumed = f"at an assumed {FOLDER_FPS:g} a second; --fps changes that"
+        self.notes = [f"{path.name}: {self.count} {what} {assumed}"]
+
+    def image(self, number: int) -> Image:
+        """The image of that number, upright, without transparency; grey stays `[H, W]`, depth stays.
+
+        Raises:
+            InputError: an image that cannot be decoded, or is of another size than the first.
+        """
+        import cv2
+
+        path = self.files[number if self.names else 0]
+        with quiet_opencv():
+            try:
+                if self.names:
+                    image = cv2.imread(str(path), DEPTH_AND_COLOR)
+                else:
+                    there, pages = cv2.imreadmulti(str(path), number, 1, flags=DEPTH_AND_COLOR)
+                    image = pages[0] if there and pages else None
+            except cv2.error:
+                image = None
+        if image is None:
+            part = "" if self.names else f": page {number + 1} of {self.count}"
+            raise InputError(f"image {path} cannot be read{part}: damaged or not an image")
+        if number and image.shape[:2] != self.size:
+            (height, width), (own_height, own_width) = self.size, image.shape[:2]
+            raise InputError(
+                f"images must have one size: the first is {width} x {height} pixels, "
+                f"{path.name} {own_width} x {own_height}"
+            )
+        return np.asarray(image)
+
+    def read(self) -> Iterator[Frame]:
+        for number in range(self.count or 0):
+            yield Frame(self.image(number), number / self.fps)
+
+    def samples(self) -> list[Image]:
+        places = {round(place) for place in np.linspace(0, (self.count or 1) - 1, SAMPLES)}
+        images = []
+        for number in sorted(places):
+            with contextlib.suppress(InputError):  # raised when its turn comes
+                images.append(self.image(number))
+        return images
+
+
+class LiveReader(Reader):
+    """A camera of this machine by OpenCV, or an address by PyAV; held open.
+
+    Raises:
+        InputError: nothing answers, no frame comes, or the answer of an address is no film but a list of others.
+    """
+
+    live = True
+
+    def __init__(self, source: int | str) -> None:
+        address = isinstance(source, str) and "://" in source
+        self.what = source if isinstance(source, str) else f"camera {source}"
+        self._frames = self._open_address(str(source)) if address else self._open_camera(source)
+        began, self._first = time.monotonic(), list[Frame]()
+        for frame in self._frames:
+            self._first.append(frame)
+            if len(self._first) >= FIRST_FRAMES or time.monotonic() - began > FIRST_S:
+                break
+        if not self._first:
+            self.close()
+            raise InputError(f"{self.what} opens but delivers no frames{self.ended and ': ' + self.ended}")
+        self.size = (self._first[0].image.shape[0], self._first[0].image.shape[1])
+        check_pixels(self.what, *self.size)
+        declared = self._declared
+        measured = rate_of([frame.stamp for frame in self._first], [declared] if declared else [])
+        # A camera whose frames were waiting is not faster than it says.
+        self.fps = declared if declared and (measured >= 0.8 * declared or len(self._first) < 3) else measured
+        if declared and abs(self.fps - declared) > 0.1 * declared:
+            rates = f"declares {declared:g} frames a second and gives {self.fps:.3g}"
+            self.notes = [f"{self.what} {rates}; --fps changes that"]
+
+    def _open_camera(self, source: int | str) -> Iterator[Frame]:
+        import cv2
+
+        self._device: Any = open_capture(source)
+        if self._device is None:
+            raise InputError(f"{self.what} cannot be opened: not there, in use, or no permission")
+        declared = float(self._device.get(cv2.CAP_PROP_FPS))
+        self._declared = declared if 0 < declared < 1e9 else 0.0
+        return self._from_camera()
+
+    def _from_camera(self) -> Iterator[Frame]:
+        began = time.monotonic()
+        while True:
+            there, image = self._device.read()
+            if not there:
+                self.ended = "it gives no more frames"
+                return
+            yield Frame(image, time.monotonic() - began)
+
+    def _open_address(self, address: str) -> Iterator[Frame]:
+        import av
+
+        check_scheme(address)
+        options = {"max_redirects": "0", "format_whitelist": FORMATS, "rtsp_transport": "tcp"}
+        try:
+            self._device = av.open(address, options=options, timeout=(SILENCE_S, SILENCE_S))
+        except (av.FFmpegError, OSError, ValueError) as error:
+            words = (getattr(error, "strerror", None) or str(error)).strip()
+            causes = "not there, no permission, a redirect, or a list of others"
+            raise InputError(f"{address} cannot be opened: {words[:1].lower() + words[1:]} ({causes})") from None
+        if not self._device.streams.video:
+            self._device.close()
+            raise InputError(f"{address} holds no video")
+        stream = self._device.streams.video[0]
+        stream.thread_type = "AUTO"
+        stamped = self._device.format.name not in ARRIVAL
+        # Of a format without time stamps FFmpeg says 25, whatever comes.
+        self._declared = float(stream.guessed_rate or 0) if stamped else 0.0
+        return self._from_address(stream, stamped)
+
+    def _from_address(self, stream: Any, stamped: bool) -> Iterator[Frame]:
+        began = last = time.monotonic()
+        for frame in decoded(self._device, stream):
+            last = time.monotonic()
+            stamp = stamp_of(frame) if stamped else math.nan
+            yield Frame(pixels(frame), last - began if math.isnan(stamp) else stamp)
+        silent = time.monotonic() - last
+        self.ended = f"it sent nothing for {silent:.0f} s" if silent > 0.8 * SILENCE_S else "the sender ended it"
+
+    def read(self) -> Iterator[Frame]:
+        while self._first:
+            yield self._first.pop(0)
+        yield from self._frames
+
+    def close(self) -> None:
+        self._first.clear()
+        self._device.close() if hasattr(self._device, "close") else self._device.release()
+
+
+@contextlib.contextmanager
+def quiet_opencv() -> Iterator[None]:
+    """Keep OpenCV's own messages off stderr: an `InputError` says what went wrong.
+
+    FFmpeg inside OpenCV takes its level from the environment once, as the first video is opened.
+    """
+    import cv2
+
+    level = cv2.utils.logging.getLogLevel()
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)
 
 
 def open_capture(source: int | str) -> Any:
-    """An open `cv2.VideoCapture`, or None. What FFmpeg may open besides is in `ndtorch.scenes.addresses`."""
+    """An open `cv2.VideoCapture` of a camera, file or address, or None. FFmpeg opens nothing besides."""
     import cv2
 
     address = isinstance(source, str) and "://" in source
+    if address:
+        check_scheme(str(source))
+    allowed = f"max_redirects;0|format_whitelist;{FORMATS}" if address else "protocol_whitelist;file,pipe,fd"
+    variable = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+    before = os.environ.get(variable)
+    os.environ[variable] = f"{before or 'rtsp_flags;prefer_tcp'}|{allowed}"
     try:
-        with limited_ffmpeg(address):
+        with quiet_opencv():
             capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG) if address else cv2.VideoCapture(source)
     except cv2.error:
         return None
+    finally:
+        os.environ.pop(variable) if before is None else os.environ.update({variable: before})
     return capture if capture.isOpened() else None
 
 
-MARGIN = 0.25
-"""The stretched range goes on for this share of the values that were seen, at both sides."""
-NOISE_LEVELS = 3.0
-"""Levels of 255 that the noise of a pixel is stretched to at most."""
-COMBED = 1.6
-"""Interlaced: neighbouring rows of what moves differ so much more than rows of one field."""
-MOVING_LEVELS = 12.0
-"""Difference of two frames, levels of 255, at which a pixel has changed."""
-MIN_MOVING = 60
-"""Pixels that have to change before fields are looked for."""
+def check_scheme(address: str) -> None:
+    """Raise `InputError` for an address whose scheme is not one of `SCHEMES`."""
+    scheme = address.partition("://")[0].lower()
+    if scheme not in SCHEMES:
+        raise InputError(f"source cannot be an address that begins with {scheme}://; there are {', '.join(SCHEMES)}")
+
+
+def check_pixels(what: str, height: int, width: int) -> None:
+    """Raise `InputError` for pictures of more pixels, or of a longer side, than the limits allow."""
+    if height * width > MOST_PIXELS or max(height, width) > LONGEST:
+        raise InputError(
+            f"{what} cannot be used: {width} x {height} pixels; at most {MOST_PIXELS} in all and {LONGEST} a side"
+        )
+
+
+def check_file(path: Path) -> None:
+    """Raise `InputError`, with the reason, for a file that is no video at its first bytes."""
+    if not path.is_file():
+        raise InputError(f"video {path} cannot be opened: it is no regular file")
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        raise InputError(f"video {path} cannot be opened: {error.strerror}") from None
+    if not head:
+        raise InputError(f"video {path} is empty (0 bytes)")
+    if head.startswith(b"\x00\x05\x16\x07"):
+        raise InputError(f"video {path} cannot be used: it holds metadata of macOS, not the film")
+    printable = all(byte >= 32 or byte in b"\t\n\r\f\x1b" for byte in head[:512])
+    # The last letter may be cut.
+    text = printable and "\ufffd" not in head.decode(errors="replace")[:-1] and not head.startswith(b"YUV4MPEG2")
+    if text or head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(LISTS):
+        raise InputError(f"video {path} cannot be used: it is text, or a list of other files")
+
+
+def open_file(path: Path) -> tuple[Any, Any]:
+    """An open container and its video stream."""
+    import av
+
+    # A name with a colon, as 12:30.mp4, is an address to FFmpeg unless it is told that it is a file.
+    try:
+        container = av.open(f"file:{path.absolute()}", options={"protocol_whitelist": "file"})
+    except (av.FFmpegError, OSError, ValueError) as error:
+        words = (getattr(error, "strerror", None) or str(error)).strip()
+        cause = "not a video, damaged, or cut off before its index was written"
+        raise InputError(f"video {path} cannot be opened: {words[:1].lower() + words[1:]} ({cause})") from None
+    streams = [one for one in container.streams.video if not int(one.disposition) & ATTACHED]
+    if streams and streams[0].codec_context is not None and streams[0].codec_context.name != "ansi":
+        return container, streams[0]
+    kinds = sorted({str(one.type) for one in container.streams}) or ["nothing"]
+    container.close()
+    raise InputError(f"video {path} cannot be used: it holds no film that can be decoded ({', '.join(kinds)})")
+
+
+def packet_stamps(container: Any, stream: Any) -> tuple[list[float], bool]:
+    """Time stamps of a film in the order in which its frames are shown, and whether these are all."""
+    import av
+
+    stamps = list[float]()
+    with contextlib.suppress(av.FFmpegError, OSError):
+        for packet in container.demux(stream):
+            at = packet.pts if packet.pts is not None else packet.dts
+            if packet.size and not packet.is_discard and at is not None:
+                stamps.append(float(at * packet.time_base))
+            if len(stamps) >= PACKETS:
+                return in_order(stamps), False
+    return in_order(stamps), True
+
+
+def in_order(stamps: list[float]) -> list[float]:
+    """Stamps of packets, which are in the order of decoding, sorted between jumps back of more than a second."""
+    parts, part = list[float](), list[float]()
+    for stamp in stamps:
+        if part and stamp < max(part[-32:]) - 1:
+            parts += sorted(part)
+            part = []
+        part.append(stamp)
+    return parts + sorted(part)
+
+
+def decoded(container: Any, stream: Any) -> Iterator[Any]:
+    """Every frame that can be decoded; damaged packets are left out."""
+    import av
+
+    packets = container.demux(stream)
+    while True:
+        try:
+            packet = next(packets)
+        except (StopIteration, av.FFmpegError, OSError):
+            return
+        with contextlib.suppress(av.FFmpegError, OSError):
+            yield from packet.decode()
+
+
+def stamp_of(frame: Any) -> float:
+    """Seconds of a frame by its time stamp, NaN without one."""
+    at = frame.pts if frame.pts is not None else frame.dts
+    return math.nan if at is None or frame.time_base is None else float(at * frame.time_base)
+
+
+def pixels(frame: Any) -> Image:
+    """A decoded frame, turned upright as its file says: blue, green and red, or deep grey as it is."""
+    deep = re.fullmatch(r"gray(9|1\d)(le|be)?", frame.format.name)
+    image: Image = frame.to_ndarray(format="gray16le" if deep else "bgr24")
+    turns = round(frame.rotation / 90) % 4
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
+
+
+def image_files(folder: Path) -> list[Path]:
+    """The images of a folder in natural order, without hidden files.
+
+    Raises:
+        InputError: it holds none, or one that is no regular file.
+    """
+    files = [path for path in folder.iterdir() if not path.is_dir() and not path.name.startswith(".")]
+    images = [path for path in files if path.suffix.lower() in IMAGE_SUFFIXES]
+    if not images:
+        films = sorted(path.name for path in files if path.suffix.lower() in VIDEO_SUFFIXES)
+        hint = f"; it holds videos: name one of them, as {films[0]}" if films else ""
+        raise InputError(f"folder {folder} holds no images ({', '.join(IMAGE_SUFFIXES)}){hint}")
+
+    def natural(path: Path) -> list[tuple[int, str]]:
+        return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name.lower())]
+
+    return sorted(images, key=natural)
+
+
+def claimed_size(path: Path) -> tuple[int, int]:
+    """Height and width of an image by its header; nothing is decoded.
+
+    Raises:
+        InputError: it cannot be read, or claims more pixels than `check_pixels` allows.
+    """
+    from PIL import Image as Headers
+
+    if not path.is_file():
+        raise InputError(f"image {path} cannot be read: it is no regular file")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Headers.DecompressionBombWarning)
+            with Headers.open(path) as image:
+                size = (image.height, image.width)
+    except Headers.DecompressionBombError:
+        size = (LONGEST + 1, LONGEST + 1)
+    except Exception:
+        raise InputError(f"image {path} cannot be read: empty, damaged or not an image") from None
+    check_pixels(f"image {path}", *size)
+    return size
+
+
+def rate_of(stamps: Sequence[float], declared: Iterable[float]) -> float:
+    """Frames a second by time stamps: the mean of the intervals near their median; 0 where there are too few.
+
+    Args:
+        stamps: in the order in which frames are shown, seconds.
+        declared: rates that the container claims; one within 2 % is returned as it is, since stamps are rounded.
+
+    >>> rate_of([0.0, 0.033, 0.067, 0.1], (1000.0, 29.97))
+    29.97
+    """
+    steps = np.diff(np.asarray(stamps, dtype=np.float64))
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    if len(steps) == 0:
+        return 0.0
+    middle = float(np.median(steps))
+    rate = 1 / float(steps[np.abs(steps - middle) <= max(0.25 * middle, 0.0011)].mean())
+    return next((one for one in declared if abs(one - rate) <= 0.02 * rate), rate)
 
 
 class Stretch(NamedTuple):
@@ -212,44 +525,18 @@ class Stretch(NamedTuple):
 
 
 def find_stretch(images: Sequence[Image]) -> Stretch | None:
-    """The range of values of deep images; None where all are of eight bits.
+    """The range of deep images with a margin of half; None where all are of eight bits.
 
-    It holds all but a thousandth of the values, and is so wide that noise stays small.
+    It is so wide that the noise of neighboring pixels stays below three levels.
     """
-    deep = [np.asarray(image, np.float64) for image in images if image.dtype != np.uint8]
+    deep = [image.astype(np.float64) for image in images if image.dtype != np.uint8]
+    values = np.concatenate([image[np.isfinite(image)] for image in deep]) if deep else np.zeros(0)
     if not deep:
         return None
-    finite = [image[np.isfinite(image)] for image in deep]
-    finite = [values for values in finite if values.size]
-    if not finite:
+    if not values.size:
         return Stretch(0.0, 1.0)
-    low = float(np.min([np.quantile(values, 0.001) for values in finite]))
-    high = float(np.max([np.quantile(values, 0.999) for values in finite]))
-    steps = [np.abs(np.diff(image[::2], axis=1)) for image in deep]
-    noise = float(np.median([np.nanmedian(step) for step in steps])) / (0.6745 * 2**0.5)
-    room = float(max((high - low) * (1 + 2 * MARGIN), 255 / NOISE_LEVELS * noise, 1e-6))
-    middle = 0.5 * (low + high)
-    return Stretch(middle - room / 2, middle + room / 2)
-
-
-def is_interlaced(pairs: Sequence[tuple[Image, Image]]) -> bool:
-    """Whether rows of what moves alternate between two times, as in pictures woven of two fields."""
-    votes = list[bool]()
-    for before, after in pairs:
-        first, second = grey(before), grey(after)
-        if len(second) < 8:
-            continue
-        moving = np.abs(second - first)[2:-2] > MOVING_LEVELS
-        moving = moving | np.roll(moving, 1, axis=0) | np.roll(moving, -1, axis=0)
-        if moving.sum() < MIN_MOVING:
-            continue
-        rows = second[2:-2]
-        neighbours = np.abs(2 * rows - second[1:-3] - second[3:-1])[moving].sum()
-        field = np.abs(2 * rows - second[:-4] - second[4:])[moving].sum()
-        votes.append(bool(neighbours > COMBED * field))
-    return len(votes) > 0 and 2 * sum(votes) > len(votes)
-
-
-def grey(image: Image) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
-    """One channel, float32."""
-    return np.asarray(image if image.ndim == 2 else image[..., 1], dtype=np.float32)
+    low, high = np.quantile(values, (0.001, 0.999))
+    noise = float(np.median([np.nanmedian(np.abs(np.diff(image, axis=1))) for image in deep])) / (0.6745 * 2**0.5)
+    room = max(1.5 * (high - low), 85 * noise, 1e-6)
+    middle = (low + high) / 2
+    return Stretch(float(middle - room / 2), float(middle + room / 2))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import math
 import warnings
-from collections.abc import Callable, Iterator
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -16,11 +18,16 @@ from torch import Tensor
 from ndtorch.arguments import is_finite, is_whole
 from ndtorch.errors import InputError
 from ndtorch.scenes.base import FrameSource, PixelMap, check_chunks, check_size
-from ndtorch.scenes.image_folder import IMAGE_SUFFIXES, FolderReader, PagesReader
-from ndtorch.scenes.live import CameraReader, LiveReader, StreamReader
-from ndtorch.scenes.readers import Image, Reader, Stretch, find_stretch, is_interlaced, is_text
-from ndtorch.scenes.stamps import FrameLog, SourceFrames, paced
-from ndtorch.scenes.video_file import FileReader
+from ndtorch.scenes.readers import (
+    IMAGE_SUFFIXES,
+    FileReader,
+    Frame,
+    Image,
+    ImagesReader,
+    LiveReader,
+    Reader,
+    find_stretch,
+)
 
 log = logging.getLogger(__name__)
 _declared: list[torch.library.Library] = []
@@ -48,8 +55,10 @@ def import_torchvision() -> None:
 
 
 Fit = Literal["crop", "stretch", "reduce"]
-FASTEST = 1000.0
-"""Frames a second above which a declared rate is taken for nonsense."""
+FASTEST = 10_000.0
+"""Largest rate of frames that a source may declare, Hz."""
+JUMP_S, JUMP_INTERVALS, BACK_S = 10.0, 50, 1.0
+"""Seconds, and frame intervals, between two frames that are a gap in the recording; seconds back that begin another."""
 
 
 def open_video(
@@ -59,30 +68,28 @@ def open_video(
     start: int | None = None,
     stop: int | None = None,
     fit: Fit = "crop",
-    follow_redirects: bool = False,
     every: int = 1,
 ) -> VideoSource:
     """Open a video file, a folder of images, a camera or a stream, and decode its first frame.
 
     Args:
-        source: a file; a folder, whose images are taken in natural order; a camera as a number, as "camera:0"
-            or as /dev/video0; or an address with "://".
+        source: a file; a folder of images in natural order; a camera as a number, as "camera:0" or as /dev/video0; or
+            an address with "://", which is one film or stream: playlists and redirects are refused.
         size: height and width of the frames delivered; with "reduce" only the height counts.
         fps: frames a second where the source has no time stamps or wrong ones. A folder has 30 otherwise. Without it,
             the frames of a file come by their own time stamps, so that those of a variable rate come at a constant one.
         start, stop: the first frame of the source and the one after the last; None for all of it.
-        every: of so many frames the first is delivered, at a rate so much lower.
         fit: "crop" scales until the image covers `size` and cuts off what sticks out; "stretch" scales both
             sides separately; "reduce" keeps the whole image and its aspect (within the rounding of the width to a
             multiple of 8), is quicker, and never enlarges: fewer rows than `size` asks for come as they are.
-        follow_redirects: of an address, also to other hosts. An address is one film or stream: playlists are refused.
+        every: deliver the first of so many frames, at a rate so much lower.
 
     Returns:
         A source of frames `[T, 3, H, W]` uint8, red, green and blue.
 
     Raises:
         InputError: a source that is missing, empty, unreadable or not a video, a rate that is not in
-            0..1000 Hz while `fps` is not given, or `size`, `fps`, `start`, `stop`, `fit` or `every` out of range.
+            0..10 000 Hz while `fps` is not given, or `size`, `fps`, `start`, `stop`, `fit` or `every` out of range.
     """
     size = check_size(size)
     if fit not in ("crop", "stretch", "reduce"):
@@ -91,49 +98,79 @@ def open_video(
         raise InputError(f"fps must be a positive number of frames per second, got {repr(fps)[:40]}")
     if not all(part is None or is_whole(part) for part in (start, stop)):
         raise InputError(f"start and stop must be frame numbers, got {repr(start)[:40]} and {repr(stop)[:40]}")
-    first = 0 if start is None else start
+    first = start or 0
     if first < 0 or (stop is not None and stop <= first):
         raise InputError(f"start and stop must be frame numbers with 0 <= start < stop, got {start} and {stop}")
-
     if not (is_whole(every) and every >= 1):
         raise InputError(f"every must be a number of frames from 1, got {every}")
-
-    reader, name = _reader(source, follow_redirects)
+    reader, name = open_reader(source)
     try:
         if fps is not None:
             reader.timed = False
-            if reader.names is not None or isinstance(reader, PagesReader):
-                reader.fps, reader.notes = fps, [line for line in reader.notes if "assumed" not in line]
+            reader.fps, reader.notes = fps, [line for line in reader.notes if "assumed" not in line]
         elif not 0 < reader.fps <= FASTEST:
             raise InputError(f"fps must be given for {source}, which declares {reader.fps:g} frames per second")
         if reader.count is not None and max(first + 1, stop or 0) > reader.count:
             raise InputError(f"start and stop must lie within the {reader.count} frames, got {start} and {stop}")
         if first and not reader.live and next(islice(reader.read(), first, None), None) is None:
             raise InputError(f"start must be a frame that can be decoded, got {start}: {source} ends before it")
-        stretch, field = _kind(reader, name)
+        return VideoSource(reader, name, size, first, stop, fit, every)
     except InputError:
         reader.close()
         raise
-    for line in reader.notes:
-        log.info(line)
-    if fit == "reduce":
-        height, width = reader.size
-        rows = min(size[0], height)
-        size = (rows, max(8, round(rows * width / height / 8) * 8))
-    return VideoSource(reader, name, fps or reader.fps, size, first, stop, fit, every, stretch, field)
 
 
-def _kind(reader: Reader, name: str) -> tuple[Stretch | None, bool]:
-    """How deep images are shown as eight bits, and whether one field is taken of every image; both are said."""
-    pairs = reader.samples()
-    stretch = find_stretch([image for pair in pairs for image in pair])
-    if stretch is not None:
-        pairs = [(stretch(before), stretch(after)) for before, after in pairs]
-        warnings.warn(f"video {name} has more than eight bits: {stretch}", stacklevel=3)
-    field = is_interlaced(pairs)
-    if field:
-        warnings.warn(f"video {name} is interlaced: one field of every frame is used, the other left out", stacklevel=3)
-    return stretch, field
+def open_reader(source: int | str | Path) -> tuple[Reader, str]:
+    """The reader of a source, and a name for it."""
+    if isinstance(source, str) and source.startswith("camera:"):
+        number = source.removeprefix("camera:")
+        if not number.isdecimal():
+            raise InputError(f"source must name a camera as camera:0, got {source!r}")
+        source = int(number)
+    if isinstance(source, bool) or not isinstance(source, int | str | Path):
+        raise InputError(f"source must be a path, a camera's number or an address, got {type(source).__name__}")
+    if isinstance(source, int):
+        if source < 0:
+            raise InputError(f"source must be a camera number >= 0, got {source}")
+        return LiveReader(source), f"camera-{source}"
+    if isinstance(source, str) and "://" in source:
+        return LiveReader(source), source.rstrip("/").rsplit("/", 1)[-1]
+    path = Path(source)
+    if not path.exists():
+        where = "is a link to a file that is not there" if path.is_symlink() else "does not exist"
+        raise InputError(f"video {path} {where}")
+    if path.is_char_device() and path.name.startswith("video"):
+        return LiveReader(str(path)), path.name
+    if path.is_dir():
+        return ImagesReader(path), path.resolve().name
+    return (ImagesReader if path.suffix.lower() in IMAGE_SUFFIXES else FileReader)(path), path.stem
+
+
+class SourceFrames(NamedTuple):
+    """The decoded frames of a source, from its first on: frame n is the n-th that any reader of it counts.
+
+    Attributes:
+        stamp: seconds as the source has them, `[n]`.
+        tick: place on the clock of the frames that were delivered, `[n]`: whole where a frame was shown first, between
+            the neighbors where it was left out, NaN before the first frame that was asked for.
+        names: file names, of a folder.
+    """
+
+    stamp: np.ndarray[Any, np.dtype[np.float64]]
+    tick: np.ndarray[Any, np.dtype[np.float64]]
+    names: Sequence[str] | None = None
+
+
+class FrameLog:
+    """Stamp and tick of every frame of a source, 16 bytes a frame."""
+
+    def __init__(self) -> None:
+        self.stamps, self.ticks = array("d"), array("d")
+
+    def add(self, stamp: float, tick: float) -> None:
+        """Note the next frame of the source."""
+        self.stamps.append(stamp)
+        self.ticks.append(tick)
 
 
 class VideoSource(FrameSource):
@@ -145,39 +182,30 @@ class VideoSource(FrameSource):
     """
 
     def __init__(
-        self,
-        reader: Reader,
-        name: str,
-        fps: float,
-        size: tuple[int, int],
-        start: int,
-        stop: int | None,
-        fit: Fit,
-        every: int = 1,
-        stretch: Stretch | None = None,
-        field: bool = False,
+        self, reader: Reader, name: str, size: tuple[int, int], start: int, stop: int | None, fit: Fit, every: int
     ) -> None:
-        self.name, self.fps, self.size = name, float(fps) / every, size
+        for line in reader.notes:
+            log.info(line)
+        self._stretch = None if reader.live else find_stretch(reader.samples())
+        if self._stretch is not None:
+            warnings.warn(f"video {name} has more than eight bits: {self._stretch}", stacklevel=3)
+        if fit == "reduce":
+            rows = min(size[0], reader.size[0])
+            size = (rows, max(8, round(rows * reader.size[1] / reader.size[0] / 8) * 8))
+        self.name, self.fps, self.size = name, float(reader.fps) / every, size
         self.truncated, self.silent = False, ""
         self.pixel_map = _pixel_map(reader.size, size, fit)
         self._latest: Image | None = None
         self._reader, self._start, self._stop, self._every = reader, start, stop, every
-        self._rate, self._stretch, self._field = float(fps), stretch, field
-        self._reduce = fit == "reduce"
-        self._resize = (lambda image: image) if self._reduce else _resizer(size, fit)
-        self._grey_told = self._closed = False
+        self._resize = None if fit == "reduce" else _resizer(size, fit)
+        self._grey_noted = self._closed = False
         self._skip = start if reader.live else 0
-        self._log = FrameLog(reader.names)
-        self.length = self._length()
-
-    def _length(self) -> int | None:
-        """Number of frames that are delivered, as far as it is known."""
-        whole = self._start == 0 and self._stop is None
-        count = self._reader.ticks if whole and self._reader.timed else self._reader.count
-        end = count if self._stop is None else self._stop
-        if end is None or (self._reader.count is None and not self._reader.live and self._stop is not None):
-            return None
-        return -(-(end - self._start) // self._every)
+        self._log = FrameLog()
+        end = reader.count if stop is None else stop
+        if start == 0 and stop is None and reader.timed and reader.stamps:
+            nothing = np.zeros((0, 0), np.uint8)
+            end = sum(1 for _ in paced((Frame(nothing, s) for s in reader.stamps), reader.fps, FrameLog()))
+        self.length = None if end is None else -(-(end - start) // every)
 
     @property
     def full_size(self) -> tuple[int, int]:
@@ -185,18 +213,11 @@ class VideoSource(FrameSource):
 
     @property
     def decoded(self) -> SourceFrames:
-        found = self._log.frames()
-        return found._replace(tick=found.tick / self._every)
+        stamps, ticks = np.array(self._log.stamps), np.array(self._log.ticks)
+        return SourceFrames(stamps, ticks / self._every, self._reader.names)
 
     def latest(self) -> Image | None:
-        import cv2
-
-        if self._latest is None:
-            return None
-        image = self._latest
-        if image.shape[:2] != self.full_size:
-            image = np.asarray(cv2.resize(image, self.full_size[::-1], interpolation=cv2.INTER_LINEAR))
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB))
+        return None if self._latest is None else _rgb(self._latest)
 
     def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
         """Yield `[T, 3, H, W]` uint8 with T <= `frames`, from frame `start` of this source to its end.
@@ -216,7 +237,7 @@ class VideoSource(FrameSource):
         return self._chunks(frames, start)
 
     def close(self) -> None:
-        """Let go of the camera or file; reading afterwards is an error."""
+        """Close the camera or file; reading afterwards is an error."""
         self._closed = True
         self._reader.close()
 
@@ -227,60 +248,109 @@ class VideoSource(FrameSource):
         self.close()
 
     def _chunks(self, frames: int, start: int) -> Iterator[Tensor]:
-        log = self._log = FrameLog(self._reader.names)
+        log = self._log = FrameLog()
         self.cuts = ()
         every, reader = self._every, self._reader
-        decoded = islice(reader.read(), self._stop) if self._stop is not None else reader.read()
         first = self._skip if reader.live else self._start
         self._skip = 0
-        images = paced(decoded, self._rate, log, reader.timed, first, self._note_jump)
+        images = paced(islice(reader.read(), self._stop), reader.fps, log, reader.timed, first, self._note_jump)
         images = islice(images, start * every, None, every)
         while batch := [self._frame(image) for image in islice(images, frames)]:
             yield torch.stack(batch)
         if self._closed:
             return
-        if isinstance(reader, LiveReader):
-            self._note_silence(len(log), reader.ended)
-        elif self._stop is None or len(log) < self._stop:
-            short = self._stop is not None and reader.count is not None
-            if short or reader.is_short(len(log), log.last):
-                self._note_end(len(log) - first)
+        received = len(log.stamps)
+        wanted = self._stop if self._stop is not None else max(reader.count or 0, reader.promised)
+        if reader.live and reader.ended and (self._stop is None or received < self._stop):
+            self.silent = f"{self.name} ended after {received} frames: {reader.ended}"
+            warnings.warn(self.silent, stacklevel=2)
+        elif not reader.live and received < wanted:
+            if not self.truncated:
+                line = f"video {self.name} ends early: {received - first} of {wanted - first} frames decoded"
+                warnings.warn(line, stacklevel=2)
+            self.truncated, self.length = True, (received - first) // every
 
     def _note_jump(self, number: int, seconds: float, time: float) -> None:
         gap = f"{seconds:g} s later" if seconds > 0 else f"{-seconds:g} s earlier"
-        line = f"video {self.name}: frame {number + 1} is {gap} than the one before: taken as a cut"
+        line = f"video {self.name}: frame {number + 1} is {gap} than the one before: treated as a cut"
         warnings.warn(line, stacklevel=3)
         self.cuts = (*self.cuts, time)
 
-    def _note_silence(self, received: int, why: str) -> None:
-        if why and (self._stop is None or received < self._stop):
-            self.silent = f"{self.name} ended after {received} frames: {why}"
-            warnings.warn(self.silent, stacklevel=3)
-
-    def _note_end(self, decoded: int) -> None:
-        if not self.truncated:
-            whole = getattr(self._reader, "promised", 0)
-            promised = f" of {whole - self._start}" if whole and self._stop is None else ""
-            warnings.warn(f"video {self.name} ends early: {decoded}{promised} frames decoded", stacklevel=3)
-        self.truncated, self.length = True, decoded // self._every
-
     def _frame(self, image: Image) -> Tensor:
-        import cv2
-
         if self._stretch is not None:
             image = self._stretch(image)
-        if self._field:
-            image = np.ascontiguousarray(image[::2])
-            if not self._reduce:
-                image = np.asarray(cv2.resize(image, self.full_size[::-1], interpolation=cv2.INTER_LINEAR))
-        if image.ndim == 2 and not self._grey_told:
+        if image.ndim == 2 and not self._grey_noted:
             warnings.warn(f"video {self.name} is grey: copied into red, green and blue", stacklevel=4)
-            self._grey_told = True
+            self._grey_noted = True
         self._latest = image
-        if self._reduce:
+        if self._resize is None:
             image = reduced(image, self.size)
-        rgb = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
-        return self._resize(torch.from_numpy(rgb).permute(2, 0, 1))
+        frame = torch.from_numpy(_rgb(image)).permute(2, 0, 1)
+        return frame if self._resize is None else self._resize(frame)
+
+
+def paced(
+    frames: Iterable[Frame],
+    fps: float,
+    log: FrameLog,
+    timed: bool = True,
+    start: int = 0,
+    on_jump: Callable[[int, float, float], None] | None = None,
+) -> Iterator[Image]:
+    """The frame that is to be seen at every tick of a clock, by the frames' own time stamps.
+
+    With a constant rate that is every frame once: stamps may be off by up to half of a tick. Where frames come too
+    seldom the latest is repeated, where too many, some are left out. A gap in the stamps is a cut: the clock goes on.
+
+    Args:
+        frames: from the first of the source on.
+        fps: ticks a second.
+        log: notes every frame.
+        timed: whether stamps count; else every frame is a tick.
+        start: number of the frame at tick 0.
+        on_jump: called with the number of the frame after a gap, its seconds, and the time on the clock.
+    """
+    shown: Frame | None = None
+    time = before = offset = 0.0
+    ticks, noted = 0, True
+    for number, frame in enumerate(frames):
+        if number < start:
+            log.add(frame.stamp, math.nan)
+            continue
+        if not timed:
+            log.add(frame.stamp, ticks)
+            ticks += 1
+            yield frame.image
+            continue
+        if shown is None:
+            offset = frame.stamp
+        else:
+            step = frame.stamp - shown.stamp
+            if step > max(JUMP_S, JUMP_INTERVALS / fps) or step < -max(BACK_S, 3 / fps):
+                offset = frame.stamp - time - 1 / fps
+                if on_jump is not None:
+                    on_jump(number, step, time + 1 / fps)
+            # A stamp that does not go on says nothing.
+            now = frame.stamp - offset
+            time = now if now > time else time + 1 / fps
+            while (ticks + 0.5) / fps <= time:
+                if not noted:
+                    log.add(shown.stamp, ticks)
+                    noted = True
+                yield shown.image
+                ticks += 1
+            if not noted:
+                log.add(shown.stamp, min(max(before * fps, ticks - 1.0), float(ticks)))
+        shown, noted, before = frame, False, time
+    if shown is not None:
+        log.add(shown.stamp, ticks)
+        yield shown.image
+
+
+def _rgb(image: Image) -> Image:
+    import cv2
+
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB))
 
 
 def _pixel_map(full: tuple[int, int], size: tuple[int, int], fit: Fit) -> PixelMap:
@@ -304,34 +374,6 @@ def reduced(image: Image, size: tuple[int, int]) -> Image:
     if image.shape[:2] != size:
         image = np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
     return image
-
-
-def _reader(source: int | str | Path, follow_redirects: bool) -> tuple[Reader, str]:
-    """The reader for a source, and a name for it."""
-    if isinstance(source, str) and source.startswith("camera:"):
-        number = source.removeprefix("camera:")
-        if not number.isdecimal():
-            raise InputError(f"source must name a camera as camera:0, got {source!r}")
-        source = int(number)
-    if isinstance(source, bool) or not isinstance(source, int | str | Path):
-        raise InputError(f"source must be a path, a camera's number or an address, got {type(source).__name__}")
-    if isinstance(source, int):
-        if source < 0:
-            raise InputError(f"source must be a camera number >= 0, got {source}")
-        return CameraReader(source), f"camera-{source}"
-    if isinstance(source, str) and "://" in source:
-        return StreamReader(source, follow_redirects), source.rstrip("/").rsplit("/", 1)[-1]
-    path = Path(source)
-    if not path.exists():
-        where = "is a link to a file that is not there" if path.is_symlink() else "does not exist"
-        raise InputError(f"video {path} {where}")
-    if path.is_dir():
-        return FolderReader(path), path.resolve().name
-    if path.is_char_device():
-        return CameraReader(str(path)), path.name
-    if path.suffix.lower() in IMAGE_SUFFIXES and not is_text(path):
-        return PagesReader(path), path.stem
-    return FileReader(path), path.stem
 
 
 def _resizer(size: tuple[int, int], fit: Fit) -> Callable[[Tensor], Tensor]:

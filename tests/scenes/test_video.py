@@ -15,7 +15,6 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.scenes import VideoWriter, open_video
-from ndtorch.scenes.readers import check_pixels
 from tests.scenes.clips import SIZE, fake_capture, pattern, write
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
@@ -206,22 +205,6 @@ def test_an_image_that_claims_to_be_huge_is_not_decoded(tmp_path, width, height)
     with pytest.raises(InputError, match=r"cannot be used: .*pixels") as error:
         open_video(tmp_path)
     assert "\n" not in str(error.value)
-
-
-def test_the_limits_of_pictures_can_be_set(tmp_path, monkeypatch):
-    (tmp_path / "1.png").write_bytes(png(300, 20))
-    check_pixels("it", 20, 300)
-    monkeypatch.setenv("NDTORCH_LONGEST_SIDE", "299")
-    with pytest.raises(InputError, match=r"300 x 20 pixels, .* 299 a side are the most .*NDTORCH_LONGEST_SIDE"):
-        open_video(tmp_path)
-    monkeypatch.setenv("NDTORCH_LONGEST_SIDE", "70000")
-    monkeypatch.setenv("NDTORCH_MOST_PIXELS", "100000000")
-    check_pixels("it", 9000, 9000)
-    check_pixels("it", 1, 65000)
-    for bad in ("0", "-5", "1e6", "many", "134217729"):
-        monkeypatch.setenv("NDTORCH_MOST_PIXELS", bad)
-        with pytest.raises(InputError, match="NDTORCH_MOST_PIXELS must be a number of pixels from 1 to 134217728"):
-            open_video(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["clip.avi", "clip.mkv"])

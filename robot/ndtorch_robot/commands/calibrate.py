@@ -124,13 +124,12 @@ class Calibrate:
         import cv2
         import numpy as np
 
-        from ndtorch.scenes.image_folder import FolderReader
-        from ndtorch.scenes.readers import quiet_opencv
+        from ndtorch.scenes.readers import image_files, quiet_opencv
 
         for folder in (self.left, self.right):
             if not Path(folder).is_dir():
                 raise InputError(f"{folder}: no such folder")
-        files = [FolderReader(Path(folder)).files for folder in (self.left, self.right)]
+        files = [image_files(Path(folder)) for folder in (self.left, self.right)]
         if len(files[0]) != len(files[1]):
             raise InputError(f"the folders must hold as many images, got {len(files[0])} and {len(files[1])}")
         size = None

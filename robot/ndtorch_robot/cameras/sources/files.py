@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.image_folder import FolderReader
-from ndtorch.scenes.readers import open_address, open_capture, quiet_opencv
+from ndtorch.scenes.readers import image_files, open_capture, quiet_opencv
 from ndtorch_robot.cameras.source import CameraSettings, Capture, Source, camera_source
 
 
@@ -35,9 +34,7 @@ def open_file(camera: Source, settings: CameraSettings) -> Capture:
 
 
 def open_video(camera: Source, wanted: str) -> Capture:
-    with quiet_opencv():
-        opened = open_address if "://" in camera.target else open_capture
-        capture: Capture | None = opened(camera.target)
+    capture: Capture | None = open_capture(camera.target)
     if capture is None:
         raise InputError(f"camera {camera.name}: cannot be opened, it is not {wanted}")
     return capture
@@ -56,7 +53,7 @@ class FolderCapture:
     """The images of a folder in natural order, as a capture."""
 
     def __init__(self, folder: Path, rate: float) -> None:
-        self.files, self.rate, self.next = FolderReader(folder).files, rate, 0
+        self.files, self.rate, self.next = image_files(folder), rate, 0
 
     def grab(self) -> bool:
         self.next += 1
