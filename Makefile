@@ -3,7 +3,7 @@
 # make test-unit  the quick ones alone: no whole runs, no C++ compiler
 # make test-long  the strong forms of some tests, minutes each     make test-variants  the suite as on other machines
 # make check  lint, format and types     make bench  timings side by side, out/bench.json
-# make bench-compare OLD=... NEW=...  fails where something costs over 10 % more time or 2 % more instructions
+# make bench-compare OLD=... NEW=...  fails where a row takes over 15 % more of a reference job
 # make docs    the documentation site, out/docs/index.html, its examples executed, its links followed
 # make docs-quick  the same in half a minute, out/docs-quick: its examples are not executed
 # make wheels  each distribution alone in an empty environment

@@ -11,15 +11,7 @@ from pathlib import Path
 import torch
 
 from ndtorch.utils.tensors import tune_allocator
-from tests.benchmarks import (
-    bench_binding,
-    bench_cameras,
-    bench_features,
-    bench_navigation,
-    bench_start,
-    every_step,
-    instructions,
-)
+from tests.benchmarks import bench_binding, bench_features, bench_navigation
 from tests.benchmarks.timing import machine, table
 
 
@@ -33,8 +25,7 @@ def main() -> None:
     # As the command line does.
     tune_allocator()
     print(f"{machine(device)}\n")
-    tables = bench_features, bench_binding, bench_navigation, every_step, bench_cameras, bench_start, instructions
-    for bench in tables:
+    for bench in (bench_features, bench_binding, bench_navigation):
         rows = bench.rows(device)
         print(table(bench.TITLE, rows), flush=True)
         found += [{"table": bench.TITLE, **row._asdict()} for row in rows]
