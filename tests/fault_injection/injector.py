@@ -25,19 +25,11 @@ NEUTRAL_US, MOVING_US = 1500.0, 2.0
 CALM_S = (1.0, 2.5)
 """Shortest and longest time of undisturbed driving before a fault, s."""
 
-EXTRA_S = 0.6
-"""Time that a fault lasts beyond its deadline, s."""
+EXTRA_S, AFTERMATH_S = 0.6, 1.0
+"""Time that a fault lasts beyond its deadline, and time after it in which a stop is still caused by it, s."""
 
-AFTERMATH_S = 1.0
-"""Time after a fault, or after the car was moved, in which a stop is still caused by it, s."""
-
-RECOVERY_S = 10.0
-"""Time within which the car must drive again after a fault, s."""
-
-RESUME_AFTER_S = 0.5
-"""Time after which a car that waits for a person is resumed, s."""
-
-Row = dict[str, Any]
+RECOVERY_S, RESUME_AFTER_S = 10.0, 0.5
+"""Time within which the car must drive again, and after which one that waits for a person is resumed, s."""
 
 
 class FaultInjector:
@@ -69,19 +61,14 @@ class FaultInjector:
         self.car, self.world, self.scratch, self.faults = car, world, scratch, faults
         self.cameras, self.link = cameras, FaultyLink(world, seed)
         self.random = np.random.default_rng((seed, 9))
-        self.rows: list[Row] = []
-        self.unexplained: list[str] = []
-        self.blank: list[str] = []
-        self.stopped: list[str] = []
-        self.lines: list[str] = []
+        self.rows: list[dict[str, Any]] = []
+        self.unexplained, self.blank, self.stopped, self.lines = list[str](), list[str](), list[str](), list[str]()
         self.queue: list[Fault] = []
         self.fault: Fault | None = None
         self.recording: RecordingCheck | None = None
-        self.began = self.ends = self.cleared = -math.inf
-        self.last_moving = -math.inf
+        self.began = self.ends = self.cleared = self.last_moving = -math.inf
         self.calm, self.driving = float(self.random.uniform(*CALM_S)), 0.0
-        self.stops_seen = self.stops_before = 0
-        self.moving_pulses = 0
+        self.stops_seen = self.moving_pulses = 0
         world.pulsed = self.on_pulse
 
     def on_pulse(self, pulse: Pulse) -> None:
@@ -97,9 +84,7 @@ class FaultInjector:
         if self.recording is not None:
             self.recording(step)
         if self.fault is not None:
-            deadline = self.fault.max_reaction_s
-            detected = deadline is not None and deadline > 1.0 and step.standing is not None
-            if now >= self.ends or (detected and now > self.last_moving + AFTERMATH_S):
+            if now >= self.ends:
                 self.end(self.fault, now)
             return
         if step.standing is not None:
@@ -108,8 +93,13 @@ class FaultInjector:
                 self.car.safe.resume()
         elif abs(step.driven.speed) > 0.15:
             self.driving += 1 / self.car.runner.rate
-        if self.rows and "recovered_s" not in self.rows[-1]:
-            self.wait_to_drive(self.rows[-1], now)
+        row = self.rows[-1] if self.rows else {"recovered_s": 0}
+        if "recovered_s" not in row:
+            if self.driving > 0.3:
+                row["recovered_s"] = round(now - self.cleared, 2)
+            elif now > self.cleared + RECOVERY_S:
+                row["recovered_s"] = None
+                row["failure"] = row["failure"] or f"does not drive again: {self.car.safe.standing}"
         elif self.driving >= self.calm and self.moving_pulses > 25:
             self.begin(now)
 
@@ -118,11 +108,9 @@ class FaultInjector:
         stops = self.car.safe.faults
         for stop in stops[self.stops_seen :]:
             must_drive = self.fault is not None and self.fault.max_reaction_s is None
-            calm = self.fault is None and stop.time > self.cleared + AFTERMATH_S
-            if must_drive or calm:
-                kept = self.stopped if must_drive else self.unexplained
-                if stop.kind is FaultKind.BLANK and self.is_blank():
-                    kept = self.blank
+            if must_drive or (self.fault is None and stop.time > self.cleared + AFTERMATH_S):
+                blank = stop.kind is FaultKind.BLANK and self.is_blank()
+                kept = self.blank if blank else self.stopped if must_drive else self.unexplained
                 kept.append(f"{stop.time:.2f} s: {stop.why}")
         self.stops_seen = len(stops)
 
@@ -137,9 +125,8 @@ class FaultInjector:
         if not self.queue:
             self.queue = [self.faults[n] for n in self.random.permutation(len(self.faults))]
         self.fault = fault = self.queue.pop()
-        self.began = now
+        self.began, self.stopped = now, []
         self.ends = now + (1.0 if fault.max_reaction_s is None else fault.max_reaction_s) + EXTRA_S
-        self.stops_before, self.stopped = len(self.car.safe.faults), []
         self.calm, self.driving = float(self.random.uniform(*CALM_S)), 0.0
         if fault.part == "camera":
             self.cameras.inject(fault.name)
@@ -155,26 +142,14 @@ class FaultInjector:
         """End the fault and judge the reaction."""
         self.cameras.fault = None
         self.link.clear()
-        said = [stop.why for stop in self.car.safe.faults[self.stops_before :]]
-        reaction = max(0.0, self.last_moving - self.began)
-        failure = None
+        reaction, failure = max(0.0, self.last_moving - self.began), None
         if fault.max_reaction_s is None:
             failure = f"stopped at {self.stopped[0]}" if self.stopped else None
         elif reaction > fault.max_reaction_s + 1e-9:
             failure = f"wheels turned for {reaction:.3f} s"
         if self.recording is not None:
             failure, self.recording = self.recording.end() or failure, None
-        row: Row = {"part": fault.part, "fault": fault.name, "time_s": round(self.began, 3), "said": said[:1]}
-        row |= {"reaction_s": None if fault.max_reaction_s is None else round(reaction, 3), "failure": failure}
-        if len(self.cameras.sides) == 1 and fault.part == "camera":
-            row["side"] = self.cameras.sides[0]
-        self.rows.append(row)
+        measured = None if fault.max_reaction_s is None else round(reaction, 3)
+        about = {"part": fault.part, "fault": fault.name, "time_s": round(self.began, 3)}
+        self.rows.append(about | {"reaction_s": measured, "failure": failure})
         self.fault, self.cleared = None, now
-
-    def wait_to_drive(self, row: Row, now: float) -> None:
-        """Measure how long it takes until the car drives again."""
-        if self.driving > 0.3:
-            row["recovered_s"] = round(now - self.cleared, 2)
-        elif now > self.cleared + RECOVERY_S:
-            row["recovered_s"] = None
-            row["failure"] = row["failure"] or f"does not drive again: {self.car.safe.standing}"

@@ -6,8 +6,7 @@ import math
 import os
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
@@ -188,10 +187,9 @@ class MavlinkDrive(Drive):
         self.lock = threading.RLock()
         self.standing, self.fault, self.sent, self.commanded = True, "", STAND, -math.inf
         self.armed, self.mode, self.battery, self.yaw, self.yaw_rate = False, -1, 0.0, 0.0, 0.0
-        self.beat = self.moved = self.timed = -math.inf
+        self.beat = self.moved = self.asked = -math.inf
         self.samples: list[tuple[float, float]] = []
         self.measured: DriveCommand | None = None
-        self.trips: deque[float] = deque(maxlen=1000)
         device, vehicle = connection.settings.device, connection.settings.system_id
         if not connection.heard.wait(GREETING):
             heard = f"; heard systems {', '.join(map(str, sorted(connection.others)))}" if connection.others else ""
@@ -272,10 +270,6 @@ class MavlinkDrive(Drive):
         mode = MODES.get(self.mode, str(self.mode))
         return {"armed": self.armed, "mode": mode, "battery_v": self.battery, "link": self.trouble()}
 
-    def round_trips(self) -> Sequence[float]:
-        """From a TIMESYNC to its answer, s."""
-        return self.trips
-
     def close(self) -> None:
         if self.connection.drive is self:
             self.stop()
@@ -283,7 +277,7 @@ class MavlinkDrive(Drive):
             self.connection.close()
 
     def look_after(self) -> None:
-        """Stop where the loop is silent or the autopilot does not obey any more; ask for motion and the round trip."""
+        """Stop where the loop is silent or the autopilot does not obey any more; ask for motion where none comes."""
         now, d = self.now(), self.connection.dialect
         with self.lock:
             why = self.why_not()
@@ -293,12 +287,10 @@ class MavlinkDrive(Drive):
                 self.fault = why
                 self.stop()
                 self.report(f"link: {why}")
-        if now - self.timed > 1.0:
-            self.timed = now
-            self.connection.send("timesync", 0, time.monotonic_ns())
-            if now - self.moved > MOTION_PATIENCE:
-                for message in (d.MAVLINK_MSG_ID_ATTITUDE, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
-                    self.connection.ask(d.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / MOTION_RATE)
+        if now - self.moved > MOTION_PATIENCE and now - self.asked > 1.0:
+            self.asked = now
+            for message in (d.MAVLINK_MSG_ID_ATTITUDE, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
+                self.connection.ask(d.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / MOTION_RATE)
 
     def handle(self, message: Any) -> None:
         """Take a message of the autopilot."""
@@ -315,8 +307,6 @@ class MavlinkDrive(Drive):
                 self.samples = [*self.samples[-99:], (ahead, -self.yaw_rate)]
             elif kind == "SYS_STATUS":
                 self.battery = message.voltage_battery / 1e3
-            elif kind == "TIMESYNC" and message.tc1:
-                self.trips.append((time.monotonic_ns() - message.ts1) / 1e9)
             elif kind == "COMMAND_ACK" and message.result not in (0, 5):
                 self.report(f"link: the autopilot refuses command {message.command} (result {message.result})")
 

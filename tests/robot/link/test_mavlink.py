@@ -1,6 +1,7 @@
 """The drive link to an autopilot, against a scripted one on UDP; the time of the link is the test's."""
 
 import math
+import time
 
 import pytest
 
@@ -40,6 +41,13 @@ class Rig:
         self.time += seconds
         assert wait_for(lambda: self.drive.beat == self.drive.moved == self.time)
 
+    def quiet(self):
+        """Nothing has come for a moment."""
+        self.drive.moved = before = self.time - 0.1
+        time.sleep(0.05)
+        moved, self.drive.moved = self.drive.moved, self.time
+        return moved == before
+
     def asked(self):
         """Requests to arm, or to change the mode."""
         return len([m for m in self.autopilot.of_type("COMMAND_LONG") if m.command in (176, 400)])
@@ -76,18 +84,14 @@ def test_velocity_set_points_in_the_frame_of_the_body(opened):
     assert wait_for(lambda: rig.drive.driven() == pytest.approx((0.4, 0.5), abs=1e-6))
     state = {"armed": True, "mode": "GUIDED", "battery_v": 12.6, "link": None}
     assert wait_for(lambda: rig.drive.telemetry() == state)
-    assert wait_for(lambda: len(rig.drive.round_trips()) > 0)
-    assert all(trip >= 0 for trip in rig.drive.round_trips())
 
 
 def test_a_lost_autopilot_stands_until_resume(opened):
     rig = opened()
     rig.resume()
     rig.send(0.4)
-    assert wait_for(lambda: len(rig.drive.round_trips()) > 0)
-    rig.autopilot.beats, trips = False, len(rig.drive.round_trips())
-    rig.drive.timed = -math.inf
-    assert wait_for(lambda: len(rig.drive.round_trips()) > trips)  # what it sent before has arrived
+    rig.autopilot.beats = False
+    assert wait_for(rig.quiet)  # what it sent before has arrived
     rig.drive.commanded = rig.time + 0.6
     rig.time += 0.6
     assert wait_for(lambda: "no motion from the autopilot for 0.6 s" in (rig.drive.trouble() or ""))

@@ -59,8 +59,6 @@ class Autopilot:
         if kind == "SET_POSITION_TARGET_LOCAL_NED" and self.armed and self.mode == GUIDED:
             self.motion = (message.vx, message.yaw_rate)
             self.set_points.append(self.motion)
-        elif kind == "TIMESYNC" and not message.tc1:
-            mav.timesync_send(time.monotonic_ns(), message.ts1)
         elif kind == "COMMAND_LONG":
             mav.command_ack_send(message.command, 0 if self.obedient else 4)
             if message.command == 176 and self.obedient:
