@@ -70,9 +70,10 @@ class MavlinkConnection:
 
     Attributes:
         dialect: the module with the messages and constants of MAVLink 2.
-        heartbeat: the last one of the autopilot; None before any.
+        latest: last message of the autopilot of each type, and when it came.
         others: systems that were heard and are not listened to.
-        drive: is given the messages and looked after.
+        look_after: called by the thread every `TICK` seconds.
+        now: the time, s.
     """
 
     open_ones: ClassVar[dict[str, MavlinkConnection]] = {}
@@ -81,21 +82,16 @@ class MavlinkConnection:
         os.environ.setdefault("MAVLINK20", "1")
         mavutil = need("pymavlink.mavutil", "MAVLink")
         self.dialect = need("pymavlink.dialects.v20.common", "MAVLink")
-        self.settings, self.users, self.begun = settings, 0, time.monotonic()
+        self.settings, self.users, self.begun, self.now = settings, 0, time.monotonic(), time.monotonic
+        address = {"baud": settings.baud, "source_system": settings.system_id, "source_component": COMPONENT}
         try:
-            self.port = mavutil.mavlink_connection(
-                settings.device,
-                baud=settings.baud,
-                source_system=settings.system_id,
-                source_component=COMPONENT,
-                dialect="common",
-                autoreconnect=True,
-            )
+            self.port = mavutil.mavlink_connection(settings.device, **address, dialect="common", autoreconnect=True)
         except (OSError, ValueError, IndexError) as error:
             raise InputError(f"{settings.device}: cannot be opened ({error})") from None
-        self.others, self.heartbeat = set[int](), None
+        self.latest: dict[str, tuple[float, Any]] = {}
+        self.others: set[int] = set()
+        self.look_after: Callable[[], None] = lambda: None
         self.lock, self.closing, self.heard = threading.Lock(), threading.Event(), threading.Event()
-        self.drive: MavlinkDrive | None = None
         self.thread = threading.Thread(target=self.listen, name="mavlink", daemon=True)
         self.thread.start()
 
@@ -111,12 +107,11 @@ class MavlinkConnection:
     def close(self) -> None:
         """Give it back; the last user closes it."""
         self.users -= 1
-        if self.users or self.closing.is_set():
-            return
-        self.open_ones.pop(self.settings.device, None)
-        self.closing.set()
-        self.thread.join(2.0)
-        self.port.close()
+        if not self.users and not self.closing.is_set():
+            self.open_ones.pop(self.settings.device, None)
+            self.closing.set()
+            self.thread.join(2.0)
+            self.port.close()
 
     def send(self, name: str, *values: Any) -> bool:
         """Send the message of this name, such as `"heartbeat"`; False where the port is gone."""
@@ -132,31 +127,31 @@ class MavlinkConnection:
         seven = (*params, *[0.0] * (7 - len(params)))
         return self.send("command_long", self.settings.system_id, AUTOPILOT, command, 0, *seven)
 
+    def age(self, kind: str) -> float:
+        """Seconds since the last message of this type; infinite before any."""
+        return self.now() - self.latest[kind][0] if kind in self.latest else math.inf
+
     def listen(self) -> None:
         beaten, d = -math.inf, self.dialect
         while not self.closing.is_set():
-            now = time.monotonic()
-            if now - beaten >= HEARTBEAT_EVERY:
-                beaten = now
+            if time.monotonic() - beaten >= HEARTBEAT_EVERY:
+                beaten = time.monotonic()
                 self.send("heartbeat", d.MAV_TYPE_ONBOARD_CONTROLLER, d.MAV_AUTOPILOT_INVALID, 0, 0, 4)
-            if self.drive is not None:
-                self.drive.look_after()
+            self.look_after()
             try:
                 self.port.select(TICK)
                 while (message := self.port.recv_msg()) is not None:
-                    self.dispatch(message)
+                    self.take(message)
             except OSError:  # a serial port is opened anew by pymavlink; the silence is noticed by the drive
                 self.closing.wait(TICK)
 
-    def dispatch(self, message: Any) -> None:
-        system, heartbeat = message.get_srcSystem(), message.get_type() == "HEARTBEAT"
+    def take(self, message: Any) -> None:
+        system, kind = message.get_srcSystem(), message.get_type()
         if system != self.settings.system_id:
-            self.others |= {system} if heartbeat else set()
-        elif message.get_srcComponent() == AUTOPILOT and message.get_type() != "BAD_DATA":
-            if self.drive is not None:
-                self.drive.handle(message)
-            if heartbeat:
-                self.heartbeat = message
+            self.others |= {system} if kind == "HEARTBEAT" else set()
+        elif message.get_srcComponent() == AUTOPILOT:
+            self.latest[kind] = self.now(), message
+            if kind == "HEARTBEAT":
                 self.heard.set()
 
 
@@ -170,45 +165,33 @@ class MavlinkDrive(Drive):
         connection: to the vehicle; closed with the drive.
         arm: see `MavlinkDriveSettings`.
         report: called once for every event, with one line.
-        now: the time, s.
 
     Raises:
         InputError: no heartbeat of the system, or an autopilot that is not ArduPilot.
     """
 
-    def __init__(
-        self,
-        connection: MavlinkConnection,
-        arm: bool = False,
-        report: Report = print,
-        now: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self.connection, self.arm, self.report, self.now = connection, arm, report, now
-        self.lock = threading.RLock()
-        self.standing, self.fault, self.sent, self.commanded = True, "", STAND, -math.inf
-        self.armed, self.mode, self.battery, self.yaw, self.yaw_rate = False, -1, 0.0, 0.0, 0.0
-        self.beat = self.moved = self.asked = -math.inf
-        self.samples: list[tuple[float, float]] = []
-        self.measured: DriveCommand | None = None
-        device, vehicle = connection.settings.device, connection.settings.system_id
+    def __init__(self, connection: MavlinkConnection, arm: bool = False, report: Report = print) -> None:
+        self.connection, self.arm, self.report, self.lock = connection, arm, report, threading.RLock()
+        self.standing, self.sent, self.commanded, self.asked = True, STAND, -math.inf, -math.inf
+        self.fault: str | None = None
+        device = connection.settings.device
         if not connection.heard.wait(GREETING):
             heard = f"; heard systems {', '.join(map(str, sorted(connection.others)))}" if connection.others else ""
-            raise InputError(f"{device}: no heartbeat of system {vehicle}{heard}")
-        first: Any = connection.heartbeat
-        if first.autopilot != connection.dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
-            raise InputError(f"{device}: the autopilot is of kind {first.autopilot}, not ArduPilot")
-        self.handle(first)
-        connection.drive = self
+            raise InputError(f"{device}: no heartbeat of system {connection.settings.system_id}{heard}")
+        kind = connection.latest["HEARTBEAT"][1].autopilot
+        if kind != connection.dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+            raise InputError(f"{device}: the autopilot is of kind {kind}, not ArduPilot")
+        connection.look_after = self.look_after
 
     def send(self, command: SafeCommand) -> DriveCommand:
         """Drive like this; returns what was sent, a stop when it does not obey."""
-        wanted, now = unseal(command), self.now()
+        wanted, now = unseal(command), self.connection.now()
         with self.lock:
             self.commanded = now
             obeys = not self.standing and self.why_not() is None and now - command.time <= OLDEST_COMMAND
-            self.sent = wanted if obeys and self.set_point(wanted) else STAND
-            if not obeys:
-                self.set_point(STAND)
+            self.sent = wanted if obeys else STAND
+            if not self.set_point(self.sent):
+                self.sent = STAND
             return self.sent
 
     def set_point(self, command: DriveCommand) -> bool:
@@ -234,51 +217,56 @@ class MavlinkDrive(Drive):
             if self.arm and reason is not None and not reason.startswith("lost"):
                 self.connection.ask(d.MAV_CMD_DO_SET_MODE, d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, GUIDED)
                 self.connection.ask(d.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-            self.fault, self.standing, self.commanded = reason or "", reason is not None, self.now()
+            self.fault, self.standing, self.commanded = reason, reason is not None, self.connection.now()
             return reason is None
+
+    def armed(self) -> bool:
+        flag = self.connection.dialect.MAV_MODE_FLAG_SAFETY_ARMED
+        return bool(self.connection.latest["HEARTBEAT"][1].base_mode & flag)
+
+    def mode(self) -> str:
+        number = self.connection.latest["HEARTBEAT"][1].custom_mode
+        return MODES.get(number, str(number))
 
     def why_not(self) -> str | None:
         """Why the autopilot does not obey now."""
-        now = self.now()
-        if now - self.beat > HEARTBEAT_PATIENCE:
-            return f"lost: no heartbeat of the autopilot for {now - self.beat:.1f} s"
-        if MOTION_PATIENCE < now - self.moved < math.inf:
-            return f"lost: no motion from the autopilot for {now - self.moved:.1f} s"
-        if not self.armed:
+        silent, still = self.connection.age("HEARTBEAT"), self.connection.age("LOCAL_POSITION_NED")
+        if silent > HEARTBEAT_PATIENCE:
+            return f"lost: no heartbeat of the autopilot for {silent:.1f} s"
+        if MOTION_PATIENCE < still < math.inf:
+            return f"lost: no motion from the autopilot for {still:.1f} s"
+        if not self.armed():
             return "the autopilot is disarmed"
-        if self.mode != GUIDED:
-            return f"the autopilot is in mode {MODES.get(self.mode, self.mode)}, not GUIDED"
-        return None
+        return None if self.mode() == "GUIDED" else f"the autopilot is in mode {self.mode()}, not GUIDED"
 
     def trouble(self) -> str | None:
         """Why the rover does not obey, other than after `stop`; None when all is well."""
-        return self.fault or None
+        return self.fault
 
     def driven(self) -> DriveCommand:
-        """Mean of the speeds and curvatures that the autopilot measured since the last call; what was sent, where it
-        does not measure.
-        """
-        with self.lock:
-            samples, self.samples = self.samples, []
-            if samples:
-                speed, turn = (sum(part) / len(samples) for part in zip(*samples, strict=True))
-                self.measured = DriveCommand(speed, turn / speed if abs(speed) > SLOW else 0.0)
-            return self.measured or self.sent
+        """Speed and curvature that the autopilot measured last; what was sent, where it does not measure."""
+        latest = self.connection.latest
+        if not {"LOCAL_POSITION_NED", "ATTITUDE"} <= latest.keys():
+            return self.sent
+        moved, attitude = latest["LOCAL_POSITION_NED"][1], latest["ATTITUDE"][1]
+        speed = moved.vx * math.cos(attitude.yaw) + moved.vy * math.sin(attitude.yaw)
+        return DriveCommand(speed, -attitude.yawspeed / speed if abs(speed) > SLOW else 0.0)
 
     def telemetry(self) -> dict[str, Any]:
         """State of the autopilot; `link` is why it cannot be commanded, or None."""
-        mode = MODES.get(self.mode, str(self.mode))
-        return {"armed": self.armed, "mode": mode, "battery_v": self.battery, "link": self.trouble()}
+        status = self.connection.latest.get("SYS_STATUS")
+        volts = 0.0 if status is None else status[1].voltage_battery / 1e3
+        return {"armed": self.armed(), "mode": self.mode(), "battery_v": volts, "link": self.trouble()}
 
     def close(self) -> None:
-        if self.connection.drive is self:
+        if self.connection.look_after == self.look_after:
             self.stop()
-            self.connection.drive = None
+            self.connection.look_after = lambda: None
             self.connection.close()
 
     def look_after(self) -> None:
         """Stop where the loop is silent or the autopilot does not obey any more; ask for motion where none comes."""
-        now, d = self.now(), self.connection.dialect
+        now, d = self.connection.now(), self.connection.dialect
         with self.lock:
             why = self.why_not()
             if why is None and now - self.commanded > LOOP_PATIENCE:
@@ -287,28 +275,10 @@ class MavlinkDrive(Drive):
                 self.fault = why
                 self.stop()
                 self.report(f"link: {why}")
-        if now - self.moved > MOTION_PATIENCE and now - self.asked > 1.0:
+        if self.connection.age("LOCAL_POSITION_NED") > MOTION_PATIENCE and now - self.asked > 1.0:
             self.asked = now
             for message in (d.MAVLINK_MSG_ID_ATTITUDE, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
                 self.connection.ask(d.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / MOTION_RATE)
-
-    def handle(self, message: Any) -> None:
-        """Take a message of the autopilot."""
-        kind, now = message.get_type(), self.now()
-        with self.lock:
-            if kind == "HEARTBEAT":
-                self.beat, self.mode = now, message.custom_mode
-                self.armed = bool(message.base_mode & self.connection.dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-            elif kind == "ATTITUDE":
-                self.yaw, self.yaw_rate = message.yaw, message.yawspeed
-            elif kind == "LOCAL_POSITION_NED":
-                self.moved = now
-                ahead = message.vx * math.cos(self.yaw) + message.vy * math.sin(self.yaw)
-                self.samples = [*self.samples[-99:], (ahead, -self.yaw_rate)]
-            elif kind == "SYS_STATUS":
-                self.battery = message.voltage_battery / 1e3
-            elif kind == "COMMAND_ACK" and message.result not in (0, 5):
-                self.report(f"link: the autopilot refuses command {message.command} (result {message.result})")
 
 
 @link("mavlink", MavlinkDriveSettings)
