@@ -1,10 +1,10 @@
-"""The check at the public edge: whether an argument is a tensor that can be computed with."""
+"""Checks at the doors of the package: frames, signals, states, sizes and options, one line each."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,6 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-
-FEW = 64
-"""So many numbers are added sooner in Python than torch is called."""
 
 MOST_PIXELS = 2**24
 """Pixels of the largest frames that are computed with, 4096 x 4096: a plane of them takes 64 MiB."""
@@ -26,18 +23,14 @@ MOST_ROWS = 100_000
 LARGEST = 1e12
 """Largest number that is computed with: the cube of more lies beyond single precision."""
 
-WITHIN = f"within {LARGEST:g} of 0"
-
 USUAL = (torch.float32, torch.float64)
-
-PLAIN = (Tensor, torch.nn.Parameter)
 
 
 def has_values(value: Tensor) -> bool:
     """Whether the numbers of a tensor can be looked at: not while a program is compiled or exported, on the device
     `meta`, in `FakeTensorMode`, or inside transforms of `torch.func`.
     """
-    if torch.compiler.is_compiling() or type(value) not in PLAIN or value.is_meta:
+    if torch.compiler.is_compiling() or type(value) not in (Tensor, torch.nn.Parameter) or value.is_meta:
         return False
     try:
         value.data_ptr()  # what `torch.vmap` and `torch.func.grad` wrap has none
@@ -49,20 +42,16 @@ def has_values(value: Tensor) -> bool:
 def check_tensor(name: str, value: object, *, half: bool = True, finite: bool = True, meta: bool = False) -> None:
     """Raise `InputError` unless `value` is a dense floating point tensor of finite numbers.
 
-    Numbers are looked at where there are any, see `has_values`.
-
     Args:
         name: of the argument, for the message.
         half: whether float16 and bfloat16 will do.
-        finite: look for NaN and infinity, which costs one sum.
+        finite: look for NaN and infinity, which costs one sum, where numbers can be looked at (`has_values`).
         meta: whether a tensor without numbers will do.
     """
     check_dense(name, value, meta=meta)
     assert isinstance(value, Tensor)
-    if not value.is_floating_point():
-        raise InputError(f"{name} must be floating point, got {value.dtype}")
-    if not half and value.dtype not in USUAL:
-        raise InputError(f"{name} must be float32 or float64, got {value.dtype}")
+    if not value.is_floating_point() or not (half or value.dtype in USUAL):
+        raise InputError(f"{name} must be {'floating point' if half else 'float32 or float64'}, got {value.dtype}")
     if finite:
         check_finite(name, value)
 
@@ -79,19 +68,14 @@ def check_dense(name: str, value: object, *, meta: bool = False) -> None:
         raise InputError(f"{name} must hold numbers, got a meta tensor")
 
 
-def as_path(name: str, value: object) -> Path:
-    """A path that may be given as text; raises `InputError` for anything else."""
-    if not isinstance(value, str | Path):
-        raise InputError(f"{name} must be a path, got {type(value).__name__}")
-    return Path(value)
-
-
-def as_device(device: torch.device | str) -> torch.device:
-    """A device; raises `InputError` for a name that PyTorch does not know."""
-    try:
-        return torch.device(device)
-    except (RuntimeError, TypeError) as error:
-        raise InputError(f"device must be one of PyTorch, as cpu or cuda:0, got {repr(device)[:40]}") from error
+def check_finite(name: str, value: Tensor) -> None:
+    """Raise `InputError` where floating point numbers are NaN, infinite or beyond `LARGEST`."""
+    # NaN, infinity and what is too large survive a sum. Many numbers may add up to more: the second look decides.
+    if has_values(value) and not abs(value.detach().sum().item()) <= LARGEST:
+        if not bool(torch.isfinite(value).all()):
+            raise InputError(f"{name} must be finite, got NaN or infinite values")
+        if not bool((value.abs() <= LARGEST).all()):
+            raise InputError(f"{name} must be within {LARGEST:g} of 0, got {value.abs().max():g}")
 
 
 def check_kind(name: str, value: object, kind: type) -> None:
@@ -106,76 +90,36 @@ def check_state(state: Any, kind: type) -> None:
 
 
 def check_batch(state: Any, batch: tuple[int, ...], *names: str) -> None:
-    """Raise `InputError` unless a state is None, or these tensors of it are floating point and begin with the batch of
-    the input: to look at all of them would take as long as some steps do."""
-    if state is None or torch.compiler.is_compiling():
-        return
-    for name in names:
-        value = getattr(state, name)
-        if value.shape[: len(batch)] != batch:
-            raise InputError(f"state.{name} must begin with {tuple(batch)} as the input does, got {tuple(value.shape)}")
-        if not value.is_floating_point():
-            raise InputError(f"state.{name} must be floating point, got {value.dtype}")
+    """Raise `InputError` unless a state is None, or these tensors of it begin with the batch of the input."""
+    for name in names if state is not None and not torch.compiler.is_compiling() else ():
+        shape = tuple(getattr(state, name).shape)
+        if shape[: len(batch)] != tuple(batch):
+            raise InputError(f"state.{name} must begin with {tuple(batch)} as the input does, got {shape}")
 
 
 def check_fits(name: str, value: Tensor, like: Tensor) -> None:
     """Raise `InputError` unless a filter's memory is on the device and of the type of a sample, and of a size that goes
     with it."""
-    if torch.compiler.is_compiling():
+    if torch.compiler.is_compiling() or (value.dtype == like.dtype and value.shape == like.shape):
         return
-    if value.device != like.device:
-        raise InputError(f"{name} must be on {like.device} as the input is, got {value.device}")
-    if value.dtype == like.dtype and value.shape == like.shape:
-        return
-    if value.dtype != like.dtype:
-        raise InputError(f"{name} must be {like.dtype} as the input is, got {value.dtype}")
+    if (value.device, value.dtype) != (like.device, like.dtype):
+        wanted, got = f"{like.dtype} on {like.device}", f"{value.dtype} on {value.device}"
+        raise InputError(f"{name} must be {wanted} as the input is, got {got}")
     if any(a != b and 1 not in (a, b) for a, b in zip(reversed(value.shape), reversed(like.shape), strict=False)):
         raise InputError(f"{name} must go with samples {tuple(like.shape)}, got {tuple(value.shape)}")
 
 
 def check_alike(name: str, value: Tensor, like: Tensor) -> None:
-    """Raise `InputError` unless samples that are kept are on the device and of the size of those that come."""
-    if value.device != like.device:
-        raise InputError(f"{name} must be on {like.device} as the input is, got {value.device}")
+    """Raise `InputError` unless samples that are kept are of the size of those that come."""
     if value.shape != like.shape and not torch.compiler.is_compiling():
         raise InputError(f"{name} must be {tuple(like.shape)} as the input is, got {tuple(value.shape)}")
 
 
-def check_finite(name: str, value: Tensor) -> None:
-    """Raise `InputError` where floating point numbers are NaN or infinite."""
-    if not has_values(value):
-        return
-    if value.numel() == 1:
-        # Several times quicker: what a car drove is looked at in every step.
-        number = value.item()
-        if abs(number) <= LARGEST:
-            return
-        raise InputError(f"{name} must be {WITHIN if math.isfinite(number) else 'finite'}, got {number}")
-    # NaN, infinity and what is too large survive a sum. Many numbers may add up to more: the second look decides.
-    if not abs(value.detach().sum()) <= LARGEST:
-        if not bool(torch.isfinite(value).all()):
-            raise InputError(f"{name} must be finite, got NaN or infinite values")
-        if not bool((value.abs() <= LARGEST).all()):
-            raise InputError(f"{name} must be {WITHIN}, got {value.abs().max():g}")
-
-
-def surely_finite(values: Iterable[object]) -> bool:
-    """Whether these are dense tensors of finite float32 or float64, by one look at all of them: for every step of a
-    car. False says nothing, since a sum of finite numbers may overflow.
-    """
-    total = 0.0
-    try:
-        for value in values:
-            if type(value) is not Tensor or value.dtype not in USUAL or value.is_sparse:
-                return False
-            count = value.numel()
-            if count == 1:
-                total += value.item()
-            else:
-                total += sum(value.reshape(-1).tolist()) if count <= FEW else float(value.detach().sum())
-    except RuntimeError:  # a meta tensor has no numbers to give
-        return False
-    return math.isfinite(total)
+def as_path(name: str, value: object) -> Path:
+    """A path that may be given as text; raises `InputError` for anything else."""
+    if not isinstance(value, str | Path):
+        raise InputError(f"{name} must be a path, got {type(value).__name__}")
+    return Path(value)
 
 
 def check_number(
@@ -209,12 +153,10 @@ def check_number(
 def check_size(name: str, value: object, least: int) -> None:
     """Raise `InputError` unless `value` is a height and a width in pixels, each `least` or more."""
     sides = value if isinstance(value, tuple | list) else ()  # torch.Size is a tuple
-    if len(sides) == 2 and all(isinstance(side, Integral) and is_number(side) and int(side) >= least for side in sides):
-        if math.prod(map(int, sides)) <= MOST_PIXELS:
-            return
+    if len(sides) != 2 or not all(is_whole(side) and side >= least for side in sides):
+        raise InputError(f"{name} must be a height and a width of at least {least} pixels, got {repr(value)[:40]}")
+    if math.prod(map(int, sides)) > MOST_PIXELS:
         raise InputError(f"{name} must be {MOST_PIXELS} pixels in all at most, got {repr(value)[:40]}")
-    pixels = "pixel" if least == 1 else "pixels"
-    raise InputError(f"{name} must be a height and a width of at least {least} {pixels}, got {repr(value)[:40]}")
 
 
 def rows_in(name: str, seconds: float, dt: float, least: int = 1) -> int:
@@ -232,64 +174,44 @@ def check_numbers(
     positive: Collection[str] | None = None,
     signed: Collection[str] = (),
 ) -> None:
-    """Raise `InputError` where a field of a dataclass is not of the kind of its default: a truth value, a whole number,
-    a number, or a tuple of numbers; None may take the place of a number or a tuple where it is the default.
+    """Raise `InputError` where a number of a dataclass is not of the kind of its default.
 
-    NaN is no number. Infinity is one where it is the default, where the field is a time constant, `tau_...`, and where
-    the field is one of `endless`.
+    Truth values, whole numbers and tuples of numbers stay so; numbers are finite, but for those whose default is not,
+    for time constants, `tau_...`, and for those of `endless`.
 
     Args:
         positive: fields that must be above 0, where all other numbers must be 0 or above, except those of `signed`;
             None where a number may have any sign.
     """
     for field in dataclasses.fields(params):
-        value, usual = getattr(params, field.name), field.default
+        name, value, usual = field.name, getattr(params, field.name), field.default
+        wanted = ""
         if isinstance(usual, bool):
             wanted = "" if isinstance(value, bool) else "True or False"
         elif isinstance(usual, int):
-            wanted = "" if not isinstance(value, bool) and isinstance(value, Integral) else "a whole number"
-        elif isinstance(value, tuple) and (isinstance(usual, tuple) or "tuple" in str(field.type)):
-            wanted = "" if all(map(is_finite, value)) else "finite numbers"
-        elif isinstance(usual, float) and math.isinf(usual):
-            wanted = "" if is_number(value) else "a number"
-        elif isinstance(usual, float) or (usual is None and value is not None):
-            wanted = what_number(field.name, value, field.name in endless)
-        else:
-            continue
+            wanted = "" if is_whole(value) else "a whole number"
+        elif isinstance(value, tuple):
+            wanted = "" if all(map(is_finite, value)) or not isinstance(usual, tuple) else "finite numbers"
+        elif isinstance(usual, float):
+            infinite = name in endless or name.startswith("tau_") or math.isinf(usual)
+            wanted = "" if is_finite(value) or (infinite and is_number(value)) else "a finite number"
+        limited = not wanted and positive is not None and name not in signed and is_number(value)
+        if limited and (value < 0 or (value == 0 and name in (positive or ()))):
+            wanted = "> 0" if name in (positive or ()) else ">= 0"
         if wanted:
-            raise InputError(f"{field.name} must be {wanted}, got {repr(value)[:40]}")
-    for name, value in vars(params).items():
-        if positive is None or name in signed or isinstance(value, bool) or not isinstance(value, Real):
-            continue
-        if value < 0 or (value == 0 and name in positive):
-            raise InputError(f"{name} must be {'> 0' if name in positive else '>= 0'}, got {value}")
+            raise InputError(f"{name} must be {wanted}, got {repr(value)[:40]}")
 
 
-def what_number(name: str, value: object, endless: bool = False) -> str:
-    """What a field of that name wants instead of this value, empty where it will do: only a `tau_...` may be infinite,
-    unless `endless`.
-    """
-    if not is_number(value):
-        return "a number"
-    forgets_nothing = name.startswith("tau_") and value == math.inf
-    return "" if endless or forgets_nothing or is_finite(value) else "a finite number"
+def is_number(value: Any) -> bool:
+    """Whether it is a number, or infinity."""
+    return type(value) is not bool and isinstance(value, Real) and bool(value == value)
 
 
-def is_number(value: object) -> bool:
-    """Whether it is a number that float64 can hold, or infinity."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        return False
-    try:
-        return not math.isnan(float(value))
-    except OverflowError:
-        return False
-
-
-def is_whole(value: object) -> bool:
+def is_whole(value: Any) -> bool:
     """Whether it is a whole number: of Python, or of NumPy."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
-def is_finite(value: object) -> bool:
+def is_finite(value: Any) -> bool:
     """Whether it is a number that float64 can hold, and not infinity."""
-    return isinstance(value, Real) and is_number(value) and math.isfinite(value)
+    return is_number(value) and math.isfinite(value)

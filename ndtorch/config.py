@@ -7,25 +7,11 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-)
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
-from ndtorch.arguments import MOST_PIXELS, what_number
+from ndtorch.arguments import MOST_PIXELS
 from ndtorch.errors import InputError
-from ndtorch.utils.toml import no_truth, suggestion, what_is_wrong
-
-
-def square(size: Any) -> Any:
-    """One number means a square."""
-    return (size, size) if isinstance(size, int) and not isinstance(size, bool) else size
+from ndtorch.utils.toml import Strict, suggestion
 
 
 def limited(size: tuple[int, int]) -> tuple[int, int]:
@@ -35,22 +21,6 @@ def limited(size: tuple[int, int]) -> tuple[int, int]:
     return size
 
 
-Size = Annotated[tuple[int, int], BeforeValidator(square), AfterValidator(limited)]
-"""Height and width in pixels; a single number means a square."""
-
-
-def constant(default: Any, description: str, **limits: Any) -> Any:
-    """A key of a table: its default, one sentence that says what it is, with its unit, and its limits."""
-    return Field(default, description=description, **limits)
-
-
-Share = Annotated[float, Field(ge=0, le=1)]
-Positive = Annotated[float, Field(gt=0)]
-"""One of a tuple of numbers above 0."""
-Deviations = tuple[Positive, Positive]
-"""Of a filter, along and across, pixels."""
-
-
 def rising(pair: tuple[float, float]) -> tuple[float, float]:
     """A range, as it is; raises `ValueError` where it ends before it begins."""
     if not pair[0] <= pair[1]:
@@ -58,15 +28,29 @@ def rising(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+Size = Annotated[
+    tuple[int, int],
+    BeforeValidator(lambda size: (size, size) if type(size) is int else size),
+    AfterValidator(limited),
+]
+"""Height and width in pixels; a single number means a square."""
+Share = Annotated[float, Field(ge=0, le=1)]
+Positive = Annotated[float, Field(gt=0)]
+"""One of a tuple of numbers above 0."""
+Deviations = tuple[Positive, Positive]
+"""Of a filter, along and across, pixels."""
 Shares = Annotated[tuple[Share, Share], AfterValidator(rising)]
 """A range of shares, from here to there."""
-
-
 MOST_WHOLE = 10_000
 """The largest whole number: of parts, rounds or pixels of a side. Times are limited where they become memory."""
 
 
-class Constants(BaseModel):
+def constant(default: Any, description: str, **limits: Any) -> Any:
+    """A key of a table: its default, one sentence that says what it is, with its unit, and its limits."""
+    return Field(default, description=description, **limits)
+
+
+class Constants(Strict):
     """One table of a config.toml. Seconds where nothing else is said.
 
     Numbers are finite; only a time constant, `tau_...`, may be infinite: it forgets nothing.
@@ -75,30 +59,18 @@ class Constants(BaseModel):
         InputError: an unknown key, or a value out of range, in one line that names it.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=True)
-
-    def __init__(self, **data: Any) -> None:
-        try:
-            super().__init__(**data)
-        except ValidationError as error:
-            raise InputError(what_is_wrong(error, type(self))) from None
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def check_no_truth(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse True for a number, of which pydantic makes 1."""
-        return no_truth(cls, value, info)
+    model_config = ConfigDict(allow_inf_nan=True)
 
     @field_validator("*")
     @classmethod
     def check_number(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse NaN, and infinity where it means nothing."""
         for part in value if isinstance(value, tuple) else (value,):
-            wanted = what_number(str(info.field_name), part) if isinstance(part, float) else ""
-            if isinstance(part, int) and abs(part) > MOST_WHOLE:
-                wanted = f"at most {MOST_WHOLE}"
-            if wanted:
-                raise ValueError(f"should be {wanted}")
+            if isinstance(part, float) and not math.isfinite(part):
+                if not (part == math.inf and str(info.field_name).startswith("tau_")):
+                    raise ValueError("should be a finite number")
+            elif isinstance(part, int) and abs(part) > MOST_WHOLE:
+                raise ValueError(f"should be at most {MOST_WHOLE}")
         return value
 
 
@@ -140,17 +112,16 @@ def with_options(config: Kind, options: Mapping[str, Any]) -> Kind:
     places = option_places(type(config))
     data = config.model_dump()
     for name, value in options.items():
-        found = places.get(name, [])
-        if not found:
+        where = places.get(name, [])
+        if not where:
             raise InputError(f"options: unknown key {name!r}; {suggestion(name, places)}")
-        if len(found) > 1:
-            raise InputError(
-                f"options: {name} is a key of {' and '.join('.'.join(place) for place in found)}; say which"
-            )
+        if len(where) > 1:
+            several = " and ".join(".".join(one) for one in where)
+            raise InputError(f"options: {name} is a key of {several}; say which")
         into = data
-        for part in found[0][:-1]:
+        for part in where[0][:-1]:
             into = into[part]
-        into[found[0][-1]] = value
+        into[where[0][-1]] = value
     return validated(type(config), data, "options")
 
 
@@ -171,15 +142,5 @@ def config_text(config: ModelConfig, head: str = "") -> str:
 
 def entry(key: str, value: Any, about: str | None) -> str:
     """One line of TOML."""
-    return f"{key} = {literal(value)}" + (f"  # {about}" if about else "")
-
-
-def literal(value: Any) -> str:
-    """A value as TOML writes it."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, tuple | list):
-        return f"[{', '.join(literal(part) for part in value)}]"
-    return repr(value)
+    text = repr(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
+    return f"{key} = {text}" + (f"  # {about}" if about else "")

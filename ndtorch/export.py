@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import copy
 import io
-from collections.abc import Mapping
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,12 +16,14 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import as_path, check_number, is_whole
+from ndtorch.arguments import as_path, check_kind, check_number
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.files import replacing
 from ndtorch.utils.tensors import leaves, mapped
 from ndtorch.vision.orientation import OrientedDoG
+
+__all__ = ["export"]
 
 Format = Literal["pt2", "aoti", "onnx"]
 SUFFIXES: dict[str, str] = {"pt2": ".pt2", "aoti": ".aoti.pt2", "onnx": ".onnx"}
@@ -77,11 +78,8 @@ def export(
     if format not in SUFFIXES:
         raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}{did_you_mean(format, SUFFIXES)}")
     place = as_path("folder", folder)
-    if not isinstance(model, BindingModel):
-        raise InputError(f"model must be a BindingModel, got {type(model).__name__}")
+    check_kind("model", model, BindingModel)
     check_number("frames", frames, least=1, whole=True)
-    if not (isinstance(batch, tuple) and all(is_whole(side) and side > 0 for side in batch)):
-        raise InputError(f"batch must be a tuple of whole numbers > 0, got {repr(batch)[:40]}")
     if not model.exportable:
         raise InputError(f"{model.name} cannot be exported: it does part of its work outside torch")
     rows = frames / (model.dt * model.fps)
@@ -91,15 +89,13 @@ def export(
             "a program needs one row a frame"
         )
     if format == "onnx":
+        if find_spec("onnx") is None or find_spec("onnxscript") is None:
+            raise InputError("ONNX needs two more packages: pip install onnx onnxscript")
         model = copy.deepcopy(model)
         for part in model.modules():
             if isinstance(part, OrientedDoG):
                 part.use_real_arithmetic()
     example = torch.rand(*batch, frames, 3, *model.size)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{place} cannot be written: {error.strerror}") from None
     with torch.no_grad():
         _, state = model.signals(example)
         tensors = tuple(leaves(state).values())
@@ -107,22 +103,15 @@ def export(
             "first": torch.export.export(Step(model), (example,)),
             "next": torch.export.export(Step(model, state), (example, *tensors)),
         }
-    files = {place / f"{name}{SUFFIXES[format]}": program for name, program in programs.items()}
-    write(files, format)
-    return list(files)
-
-
-def write(files: Mapping[Path, torch.export.ExportedProgram], format: Format) -> None:
-    """Write programs in one of the formats: all of them, or none and the old files stay."""
-    if format == "onnx" and (find_spec("onnx") is None or find_spec("onnxscript") is None):
-        raise InputError("ONNX needs two more packages: pip install onnx onnxscript")
+    whole = {place / f"{name}{SUFFIXES[format]}": packed(program, format) for name, program in programs.items()}
     try:
-        whole = {path: packed(program, format) for path, program in files.items()}
-        with ExitStack() as stack:
+        place.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:  # all of them, or none and the old files stay
             for path, data in whole.items():
                 stack.enter_context(replacing(path)).write_bytes(data)
     except OSError as error:
         raise InputError(f"{error.filename} cannot be written: {error.strerror}") from None
+    return list(whole)
 
 
 def packed(program: torch.export.ExportedProgram, format: Format) -> bytes:
@@ -130,13 +119,13 @@ def packed(program: torch.export.ExportedProgram, format: Format) -> bytes:
 
     On a full disk torch's own writer ends the process, whoever catches what it raises. In memory it never fails.
     """
-    held = io.BytesIO()
+    data = io.BytesIO()
     if format == "pt2":
-        torch.export.save(program, held)
+        torch.export.save(program, data)
     elif format == "onnx":
         made = torch.onnx.export(program, (), verbose=False)
         assert made is not None
-        held.write(made.model_proto.SerializeToString())
+        data.write(made.model_proto.SerializeToString())
     else:
-        torch._inductor.aoti_compile_and_package(program, package_path=held)
-    return held.getvalue()
+        torch._inductor.aoti_compile_and_package(program, package_path=data)
+    return data.getvalue()

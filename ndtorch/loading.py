@@ -9,19 +9,7 @@ from ndtorch.binding.models.base import BindingModel
 from ndtorch.binding.models.registry import kind_of, load_folder
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.backend import set_backend
-
-HERE = Path(__file__).resolve().parent
-# In an installed package the models lie inside it, in a checkout beside it.
-PLACES = (HERE / "models", HERE.parent / "models")
-
-
-def model_folders() -> dict[str, Path]:
-    """Folder of every model that comes with the package, by name."""
-    found: dict[str, Path] = {}
-    for place in PLACES:
-        for config in sorted(place.glob("*/config.toml")):
-            found.setdefault(config.parent.name, config.parent)
-    return found
+from ndtorch.utils.packages import MODELS, folder_of
 
 
 def model_names() -> list[str]:
@@ -30,7 +18,7 @@ def model_names() -> list[str]:
     >>> model_names()
     ['foreground', 'published', 'retinotopic', 'scale-free']
     """
-    return list(model_folders())
+    return sorted(config.parent.name for config in folder_of("ndtorch", MODELS).glob("*/config.toml"))
 
 
 def load(
@@ -76,14 +64,13 @@ def model_kind(model: str | Path) -> str:
 
 def model_folder(model: str | Path) -> Path:
     """Where a model is described."""
-    folders = model_folders()
     if not isinstance(model, str | Path):
         raise InputError(f"model must be a name or a path, got {type(model).__name__}")
-    if str(model) in folders:
-        return folders[str(model)]
+    names = model_names()
+    if str(model) in names:
+        return folder_of("ndtorch", MODELS) / model
     if Path(model).is_dir():
         return Path(model)
     if isinstance(model, Path) or "/" in model:
         raise InputError(f"{model} is not a model folder")
-    known = ", ".join(folders) or "(none found)"
-    raise InputError(f"model must be a folder or one of {known}; got {model!r}{did_you_mean(model, folders)}")
+    raise InputError(f"model must be a folder or one of {', '.join(names)}; got {model!r}{did_you_mean(model, names)}")

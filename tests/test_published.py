@@ -18,8 +18,8 @@ from ndtorch.binding import PublishedModel, object_table, spectral_radius, train
 from ndtorch.binding.first_stage import block_diagonal
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.errors import InputError
+from ndtorch.run.result import Picture, Watcher
 from ndtorch.run.run import run_model
-from ndtorch.run.watchers import Picture, Watcher
 from ndtorch.scenes import equal_bars, three_bars, two_bars
 from ndtorch.vision import FEATURES, GROUPS
 from ndtorch_train.superposed import Bars, Stimuli

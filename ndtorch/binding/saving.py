@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import as_device
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.errors import InputError
 from ndtorch.tracking.track import Rows, TrackTable
@@ -121,5 +120,5 @@ def check_batch(state: Mapping[str, Tensor], example: Mapping[str, Tensor]) -> N
 
 def to_device(state: State, device: torch.device | str) -> State:
     """The same state on another device; counters stay on the CPU."""
-    there = as_device(device)
+    there = torch.device(device)
     return mapped(state, lambda _, part: part if part.dtype == torch.int64 else part.to(there))

@@ -9,29 +9,27 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from ndtorch.cli.streams import escaping, line
 from ndtorch.errors import InputError
-from ndtorch.utils.packages import OURS, module_places, remedy
+from ndtorch.utils.packages import OURS, remedy
 from ndtorch.utils.signals import NOTHING_KEPT, Stopped
 
+INCOMPLETE = 1
+"""Exit code when what came first is kept, and figures or a recording could not be."""
 UNUSABLE = 2
 """Exit code for input that cannot be used."""
-
+INTERRUPTED = 130
+"""Exit code after Ctrl-C; after SIGTERM and SIGHUP it is 143 and 129, as shells have it."""
 
 NO_MEMORY = (
     r"can(no|')t allocate|unable to allocate|not enough memory|out of memory|bad_alloc|failed to map segment"
     r"|can't start new thread"
 )
 """How libraries say that memory is short."""
-
-INCOMPLETE = 1
-"""Exit code when what came first is kept, and figures or a recording could not be."""
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C; after SIGTERM and SIGHUP it is 143 and 129, as shells have it."""
 
 
 class Subcommand(Protocol):
@@ -47,9 +45,7 @@ def missing(error: Exception) -> str | None:
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return None
     top = error.name.split(".")[0]
-    if top != error.name and any(module_places(top)):
-        return None  # it is installed, and only a part of it is not there
-    command = remedy(top)
+    command = None if top != error.name and find_spec(top) else remedy(top)
     return None if command is None else f"{top} is not installed: {command}"
 
 
@@ -116,6 +112,6 @@ def told(quiet: bool, muted: bool) -> Iterator[None]:
             logger.setLevel(level)
 
 
-def note(message: Warning | str, *_: object, **__: object) -> None:
+def note(message: Warning | str, *_: Any, **__: Any) -> None:
     """Show a warning as one line."""
     print(f"note: {line(message)}", file=sys.stderr)

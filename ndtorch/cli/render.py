@@ -15,37 +15,34 @@ class Render:
     """Render a simulated scene as a video."""
 
     scene: Annotated[str, tyro.conf.Positional]
-    """Name of the scene."""
+    """Name of the scene, see `ndtorch scenes`."""
     file: Annotated[Path, tyro.conf.Positional]
     """File to write: .mp4, .mkv (lossless) or .avi."""
     seconds: float = 5.0
-    """Length of the video."""
+    """Length of the video, s."""
     phase: float | None = None
     """Lead of the green bar's brightness over the red bar's, degrees."""
     seed: int | None = None
-    """Pattern of the random shadow."""
+    """Seed of the random shadow."""
     fps: float = 100.0
-    """Frames per second."""
+    """Frame rate, Hz."""
     force: bool = False
     """Replace the file if it exists."""
     json: bool = False
     """Print one JSON object and nothing else."""
 
     def run(self) -> int:
-        """Do it; returns the exit code."""
         from ndtorch.errors import InputError
         from ndtorch.run.folder import new_file
-        from ndtorch.run.progress import tell_if_long
         from ndtorch.scenes import make_scene
         from ndtorch.scenes.video_writer import CODECS, VideoWriter
 
         given = {"seconds": self.seconds, "fps": self.fps, "phase": self.phase, "seed": self.seed}
         source = make_scene(self.scene, **{name: value for name, value in given.items() if value is not None})
         new_file(self.file, self.force)
-        # What is there stays until the new file is whole.
         if self.file.suffix.lower() not in CODECS:
             raise InputError(f"the file must end in {', '.join(CODECS)}, got {self.file}")
-        tell_if_long(source.length)
+        # What is there stays until the new file is whole.
         part = self.file.with_name(f"{self.file.stem}.unfinished{self.file.suffix}")
         try:
             with VideoWriter(part, source.fps, source.size) as writer:
@@ -72,12 +69,10 @@ class Scenes:
     """Print them as one JSON object and nothing else."""
 
     def run(self) -> int:
-        """Do it; returns the exit code."""
         from ndtorch.scenes.named import SCENES
 
         if self.json:
             print(json.dumps({name: scene.description for name, scene in SCENES.items()}))
-            return 0
-        for name, scene in SCENES.items():
-            print(f"{name:22}{scene.description}")
+        else:
+            print("\n".join(f"{name:22}{scene.description}" for name, scene in SCENES.items()))
         return 0

@@ -1,9 +1,10 @@
-"""Where a command prints: names of files go out escaped, and nobody has to read what is reported."""
+"""Where a command prints: control characters go out escaped, and nobody has to read what is reported."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import select
 from collections.abc import Iterator
 from typing import Any, TextIO, cast
@@ -11,32 +12,19 @@ from typing import Any, TextIO, cast
 PIECE = 4096
 """Bytes that a pipe takes at once where it takes any (`PIPE_BUF`)."""
 
-PATIENCE = 0.02
-"""Seconds to wait for a reader. Then what is reported is dropped, until somebody reads again."""
-
-SPACES = "\n\r\t"
+PATIENCE_MS = 20.0
+"""Time to wait for a reader. Then what is reported is dropped, until somebody reads again."""
 
 
-def escaped(text: str, spaces: str = SPACES) -> str:
-    r"""Text with control characters and what UTF-8 cannot write as `\x1b` and the like: a terminal obeys none.
-
-    Args:
-        spaces: control characters that stay.
-    """
-    if text.isascii() and (text.isprintable() or not any(c < " " or c == "\x7f" for c in text if c not in spaces)):
-        return text
-    return "".join(c if is_plain(c) or c in spaces else c.encode("unicode_escape").decode() for c in text)
-
-
-def is_plain(character: str) -> bool:
-    """Whether it is neither a control character nor half of one that is none."""
-    code = ord(character)
-    return code >= 32 and not 0x7F <= code < 0xA0 and not 0xD800 <= code < 0xE000 and code not in (0x2028, 0x2029)
+def escaped(text: str) -> str:
+    r"""Text with control characters and what UTF-8 cannot write as `\x1b` and the like: a terminal obeys none."""
+    pattern = "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\u2028\u2029]"
+    return re.sub(pattern, lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def line(words: object) -> str:
     """An error or a remark as one line."""
-    return escaped(str(words), "")
+    return escaped(" ".join(str(words).split()))
 
 
 class Escaping:
@@ -61,7 +49,7 @@ class Unblocked(Escaping):
 
     def __init__(self, stream: TextIO) -> None:
         super().__init__(stream)
-        self.number, self.patience = stream.fileno(), PATIENCE
+        self.number, self.patience = stream.fileno(), PATIENCE_MS
         self.poll = select.poll()
         self.poll.register(self.number, select.POLLOUT)
 
@@ -70,8 +58,8 @@ class Unblocked(Escaping):
         data = escaped(text).encode(errors="backslashreplace")
         with contextlib.suppress(OSError):  # the reader is gone
             for start in range(0, len(data), PIECE):
-                ready = self.poll.poll(1000 * self.patience)
-                self.patience = PATIENCE if ready else 0.0
+                ready = self.poll.poll(self.patience)
+                self.patience = PATIENCE_MS if ready else 0.0
                 if not ready:
                     break
                 os.write(self.number, data[start : start + PIECE])

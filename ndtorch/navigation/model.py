@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,14 +33,12 @@ from ndtorch.navigation.state import (
     one_car,
     pose_like,
 )
-from ndtorch.navigation.stereo._kernels_search import find_places
 from ndtorch.navigation.stereo.correspondence import MatchParams
 from ndtorch.navigation.stereo.features import FeatureParams
 from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging, StereoRangingState
 from ndtorch.navigation.stereo.rig import AngleModel, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
 from ndtorch.navigation.stereo.strips import Strips, as_frames, check_eyes, grey_pair, row_rect, strips
-from ndtorch.utils.jit import compiling_beside
 
 
 class Navigator(nn.Module):
@@ -370,14 +367,7 @@ class Navigator(nn.Module):
             height, width = self.ranging.rig.height, self.ranging.rig.width
             frame = torch.zeros(1, height, width, 3, dtype=torch.uint8).permute(0, 3, 1, 2)
         if self.controller.checks_near and self.ranging.searched is not None:
-            with compiling_beside(partial(self.warm_up_senses, frame), find_places):
-                # What takes longest, while the other process compiles the rest.
-                frames, pose = as_frames(frame[0], frame[0]), Pose(0.0, 0.0, 0.0)
-                seen, _ = self.controller.see(frames)
-                none = np.zeros(self.ranging.searched.places, np.float32)
-                ranges = Ranges(none, none, none, none, none, none > 0)
-                self.controller.step(seen, ranges, pose, Command(0.0, 0.0), self.controller.start(seen, pose))
-                self.warm_up_senses(frame)
+            self.warm_up_senses(frame)
         _, state = self(frame, frame)
         self(frame, frame, state)
         self.warm_up_senses(frame)

@@ -1,7 +1,7 @@
-"""What a run found, in formats that other programs read; `FORMATS` names them.
+"""Objects and responses of a run in formats that other programs read; `FORMATS` names those of tracks.
 
-Every format speaks the language of the source: pixels of its frames (upright, before they are made smaller), the number
-of a frame as a reader of the source counts, from 1, and the source's own time stamps.
+Every format has the terms of the source: pixels of its frames (upright, before they are made smaller), the number of a
+frame as a reader of the source counts, from 1, and the source's own time stamps.
 """
 
 from __future__ import annotations
@@ -15,21 +15,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from torch import Tensor
 
 from ndtorch.binding import BoundObject
-from ndtorch.report.source_tracks import Placed, SourceTracks, source_tracks
-from ndtorch.run.result import RunResult
+from ndtorch.report.summary import numbered, record
+from ndtorch.report.tracks import Placed, SourceTracks
+from ndtorch.run.result import Watcher
 from ndtorch.vision.features import FEATURES
 
 log = logging.getLogger(__name__)
 
 
-def write_exports(result: RunResult, folder: Path, tracks: SourceTracks | None = None) -> None:
-    """Write the file of every format, of models whose objects have boxes."""
-    if not result.has_boxes:
-        return
-    tracks = source_tracks(result) if tracks is None else tracks
+def write_exports(tracks: SourceTracks, folder: Path) -> None:
+    """Write the file of every format."""
     for name, write in FORMATS.items():
         if name.endswith(".parquet") and find_spec("pyarrow") is None:
             log.info("%s is not written: pyarrow is not installed; pip install 'ndtorch[parquet]'", name)
@@ -45,7 +43,23 @@ def write_coco(tracks: SourceTracks, path: Path) -> None:
         {"id": n, "frame_id": n, "width": width, "height": height, "file_name": file, "time": round(time, 6)}
         for n, time, file in zip(tracks.frames.tolist(), tracks.times.tolist(), files, strict=True)
     ]
-    annotations = [annotation(tracks, k) for k in range(len(tracks.frame))]
+    annotations = []
+    for k, (left, top, right, bottom) in enumerate(tracks.box.tolist()):
+        whole = np.ones((max(1, round(bottom - top)), max(1, round(right - left))), bool)
+        mask = tracks.masks[k] or Placed(round(top), round(left), whole)
+        annotations.append(
+            {
+                "id": k + 1,
+                "image_id": int(tracks.frame[k]),
+                "category_id": 1,
+                "track_id": int(tracks.track[k]),
+                "bbox": [round(side, 2) for side in (left, top, right - left, bottom - top)],
+                "segmentation": {"size": [height, width], "counts": run_lengths(mask, height, width)},
+                "area": round(float(tracks.area[k]), 2),
+                "score": round(float(tracks.confidence[k]), 3),
+                "iscrowd": 0,
+            }
+        )
     about = {
         "info": {"description": tracks.name},
         "images": images,
@@ -55,60 +69,23 @@ def write_coco(tracks: SourceTracks, path: Path) -> None:
     path.write_text(json.dumps(about), encoding="utf-8")
 
 
-def annotation(tracks: SourceTracks, k: int) -> dict[str, Any]:
-    """Box number k."""
-    left, top, right, bottom = tracks.box[k].tolist()
-    mask = tracks.mask(k)
-    if mask is None:
-        mask = Placed(
-            round(top), round(left), np.ones((max(1, round(bottom - top)), max(1, round(right - left))), bool)
-        )
-    return {
-        "id": k + 1,
-        "image_id": int(tracks.frame[k]),
-        "category_id": 1,
-        "track_id": int(tracks.track[k]),
-        "bbox": [round(side, 2) for side in (left, top, right - left, bottom - top)],
-        "segmentation": {"size": list(tracks.size), "counts": encode(run_lengths(mask, *tracks.size))},
-        "area": round(float(tracks.area[k]), 2),
-        "score": round(float(tracks.confidence[k]), 3),
-        "iscrowd": 0,
-    }
-
-
-def run_lengths(mask: Placed, height: int, width: int) -> npt.NDArray[np.int64]:
-    """Lengths of the runs of 0 and 1 of a mask, column after column, beginning with 0.
-
-    >>> run_lengths(Placed(1, 1, np.ones((2, 1), bool)), 3, 3).tolist()
-    [4, 2, 3]
+def run_lengths(mask: Placed, height: int, width: int) -> str:
+    """Lengths of the runs of 0 and 1 of a mask, column after column, as the text that COCO packs them into: differences
+    to the run before last, five bits a letter.
     """
     crop = mask.pixels[: height - mask.top, : width - mask.left]
-    edges = np.diff(np.pad(crop.astype(np.int8), ((1, 1), (0, 0))), axis=0).T
-    columns, rows = np.nonzero(edges)
-    places = (mask.left + columns) * height + mask.top + rows
-    # A run that ends where the next begins goes on: columns that are full to the edge.
-    same = np.nonzero(np.diff(places) == 0)[0]
-    places = np.delete(places, np.concatenate([same, same + 1]))
-    lengths = np.diff(np.concatenate([[0], places, [height * width]]))
-    return lengths if lengths[-1] else lengths[:-1]
-
-
-def encode(counts: npt.NDArray[np.int64]) -> str:
-    """Run lengths as the text that COCO packs them into: differences to the run before last, five bits a letter."""
-    values = counts.copy()
-    values[3:] -= counts[1:-2]
-    letters = np.zeros((len(values), 13), np.int64)
-    used = np.zeros(letters.shape, bool)
-    going = np.ones(len(values), bool)
-    for k in range(letters.shape[1]):
-        low = values & 31
-        values = values >> 5
-        more = np.where(low & 16, values != -1, values != 0)
-        letters[:, k], used[:, k] = low + 32 * more + 48, going
-        going = going & more
-        if not going.any():
-            break
-    return bytes(letters[used].astype(np.uint8)).decode("ascii")
+    columns = np.zeros((crop.shape[1], height), np.int8)
+    columns[:, mask.top : mask.top + len(crop)] = crop.T
+    edges = np.flatnonzero(np.diff(np.pad(columns.ravel(), 1))) + mask.left * height
+    counts = np.diff([0, *edges.tolist(), height * width]).tolist()
+    letters = []
+    for k, count in enumerate(counts if counts[-1] else counts[:-1]):
+        value, more = count - counts[k - 2] if k > 2 else count, True
+        while more:
+            low, value = value & 31, value >> 5
+            more = value != (-1 if low & 16 else 0)
+            letters.append(chr(low + 32 * more + 48))
+    return "".join(letters)
 
 
 def write_mot(tracks: SourceTracks, path: Path) -> None:
@@ -122,36 +99,28 @@ def write_mot(tracks: SourceTracks, path: Path) -> None:
     path.write_text("".join(lines), encoding="utf-8")
 
 
-def columns(tracks: SourceTracks) -> dict[str, Any]:
+def table(tracks: SourceTracks) -> dict[str, Any]:
     """Frame, time, track, box, center, area, speed, confidence, and the features of the object, a column each."""
     left, top, right, bottom = tracks.box.T
-    found: dict[str, Any] = {
-        "frame": tracks.frame,
-        "time": tracks.time,
-        "track": tracks.track,
-        "left": left,
-        "top": top,
-        "width": right - left,
-        "height": bottom - top,
-        "center_x": tracks.center[:, 0],
-        "center_y": tracks.center[:, 1],
-        "area": tracks.area,
-        "speed": tracks.speed,
-        "confidence": tracks.confidence,
+    columns: dict[str, Any] = {
+        **{name: getattr(tracks, name) for name in ("frame", "time", "track")},
+        **{"left": left, "top": top, "width": right - left, "height": bottom - top},
+        **{"center_x": tracks.center[:, 0], "center_y": tracks.center[:, 1]},
+        **{name: getattr(tracks, name) for name in ("area", "speed", "confidence")},
     }
     for name in FEATURES:
         own = [tracks.objects[number].features.get(name, 0.0) for number in tracks.track.tolist()]
-        found["feature_" + name.replace("°", "deg")] = np.array(own, np.float64)  # `left` is a side of the box
-    return found
+        columns["feature_" + name.replace("°", "deg")] = np.array(own, np.float64)  # `left` is a side of the box
+    return columns
 
 
 def write_csv(tracks: SourceTracks, path: Path) -> None:
     """tracks.csv, for spreadsheets: a row a box, with four decimals."""
-    table = columns(tracks)
+    columns = table(tracks)
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(table)
-        for row in zip(*(column.tolist() for column in table.values()), strict=True):
+        writer.writerow(columns)
+        for row in zip(*(column.tolist() for column in columns.values()), strict=True):
             writer.writerow([f"{value:.4f}" if isinstance(value, float) else value for value in row])
 
 
@@ -160,7 +129,7 @@ def write_parquet(tracks: SourceTracks, path: Path) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    pyarrow.parquet.write_table(pyarrow.table(columns(tracks)), path)
+    pyarrow.parquet.write_table(pyarrow.table(table(tracks)), path)
 
 
 FORMATS: dict[str, Callable[[SourceTracks, Path], None]] = {
@@ -170,6 +139,55 @@ FORMATS: dict[str, Callable[[SourceTracks, Path], None]] = {
     "tracks.parquet": write_parquet,
 }
 """What writes each file; for another format add its function here."""
+
+
+class TimelineFile(Watcher):
+    """timeline.jsonl: one line an object, written when it is lost, or at the end of the run.
+
+    An object that stays in sight for some thousand detections has a line for each part of its path.
+
+    Args:
+        path: the file.
+        size: height and width of the frames, pixels.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int]) -> None:
+        self.path, self.size = path, size
+        path.touch()
+
+    def objects(self, things: Sequence[BoundObject]) -> None:
+        lines = [json.dumps(record(n, thing, self.size), ensure_ascii=False) + "\n" for n, thing in numbered(things)]
+        with self.path.open("a", encoding="utf-8") as file:
+            file.writelines(lines)
+
+
+class ResponseFile(Watcher):
+    """responses.parquet: time, ten inputs, ten outputs and, once a chunk of frames, weights `[100]`, row after row.
+
+    For models over the whole field; it needs pyarrow.
+    """
+
+    def __init__(self, path: Path) -> None:
+        import pyarrow
+        import pyarrow.parquet
+
+        single, names = pyarrow.float32(), [name.replace("°", "deg") for name in FEATURES]
+        fields = [(f"{kind}_{name}", single) for kind in ("input", "output") for name in names]
+        self.schema = pyarrow.schema([("time", pyarrow.float64()), *fields, ("weights", pyarrow.list_(single, 100))])
+        self.writer = pyarrow.parquet.ParquetWriter(path, self.schema)
+
+    def signals(self, signals: Any, weights: Tensor, state: Any) -> None:
+        import pyarrow
+
+        if steps := len(signals.time):
+            columns = [signals.time.cpu().double().numpy()]
+            for values in (signals.inputs, signals.outputs):
+                columns += list(values.cpu().float().numpy().T)
+            read = [None] * (steps - 1) + [weights.cpu().float().flatten().tolist()]
+            self.writer.write_table(pyarrow.table([*columns, read], schema=self.schema))
+
+    def close(self) -> None:
+        self.writer.close()
 
 
 def to_detections(objects: Sequence[BoundObject]) -> dict[str, Any]:

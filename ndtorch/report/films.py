@@ -1,128 +1,167 @@
-"""What is filmed while a run goes on: the enhanced image, the objects marked in the video, a recording."""
+"""Films and pictures of a run, made while it goes on: the enhanced image, the objects marked in the video."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from ndtorch.binding import BoundObject
-from ndtorch.report.plots.attention import MOST_GAIN
-from ndtorch.report.plots.layout import GREY_RGB, STYLES, rgb
-from ndtorch.report.recording import Recording
-from ndtorch.report.source_tracks import SourceTracks
-from ndtorch.run.result import over_fields
-from ndtorch.run.watchers import Picture, Pixels, Watcher
+from ndtorch.report.plots import STYLES, brightened
+from ndtorch.report.tracks import SourceTracks
+from ndtorch.run.result import Picture, Pixels, Watcher
 from ndtorch.scenes.video_writer import VideoWriter
 from ndtorch.vision.features import FEATURES
 
-STEP = {"left": (0, -1), "right": (0, 1), "down": (1, 0), "up": (-1, 0)}
-"""Rows and columns of an arrow towards a direction."""
-SMALLEST = 100
-"""Rows of a picture that letters are put on."""
-FADE = 4.0
-"""Seconds after which a bright moment no longer sets the scale."""
-LIGHT = 3 * 200
-"""Sum of red, green and blue of a color that cannot be told from white."""
-HUELESS = {"white": (255, 255, 255), "black": (0, 0, 0)}
-"""What is drawn for a thing without a hue; all others are grey."""
+STEP = {"left": (-1, 0), "right": (1, 0), "down": (0, 1), "up": (0, -1)}
+"""Columns and rows of an arrow towards a direction."""
+FADE_S = 4.0
+"""After this time a bright moment no longer sets the scale."""
+CROP_SIDE, CROPS, POSTER_SIDE = 200, 60, 1280
+"""Longest side of the crop of an object and of the poster, pixels, and most objects that are cropped."""
 
 
-class EnhancedVideo(Watcher):
+class Film(Watcher):
+    """A film of the pictures of a run.
+
+    Args:
+        path, fps, size: of the film; height and width are made even, as codecs want them.
+    """
+
+    def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
+        self.size = size[0] // 2 * 2, size[1] // 2 * 2
+        self.writer = VideoWriter(path, fps, self.size)
+
+    def write(self, image: Pixels, seconds: float) -> None:
+        """Add an image `[H, W, 3]` with the time at its lower left."""
+        image = np.ascontiguousarray(image[: self.size[0], : self.size[1]]).copy()
+        put_text(image, f"{seconds:.1f} s", 4, len(image) - 5, (0, 0, 0))
+        self.writer.write(torch.from_numpy(image).permute(2, 0, 1))
+
+    def close(self) -> None:
+        self.writer.close()
+
+
+class EnhancedVideo(Film):
     """enhanced.mp4: the input beside its enhanced image, which is shown as bright as the input.
 
     The factor follows the brightest enhanced pixel of the last seconds, so that the film does not flicker.
     """
 
     def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
-        self.size = even(size)
-        self.writer = VideoWriter(path, fps, (self.size[0], 2 * self.size[1]))
-        self.keep, self.brightest = math.exp(-1 / (FADE * fps)), 1.0
+        super().__init__(path, fps, (size[0], 2 * size[1]))
+        self.keep, self.brightest = math.exp(-1 / (FADE_S * fps)), 1.0
 
     def picture(self, picture: Picture) -> None:
-        height, width = self.size
         assert picture.enhanced is not None
         self.brightest = max(self.keep * self.brightest, float(picture.enhanced.max()), 1.0)
-        gain = max(1.0, min(float(picture.frame.max()) / self.brightest, MOST_GAIN))
+        gain = brightened(np.array([self.brightest], np.uint8), float(picture.frame.max()))[1]
         enhanced = (picture.enhanced * gain).clip(0, 255).astype(np.uint8)
-        sides = [clocked(image[:height, :width], picture.time) for image in (picture.frame, enhanced)]
-        self.writer.write(torch.from_numpy(np.concatenate(sides, 1)).permute(2, 0, 1))
-
-    def close(self) -> None:
-        """Finish the file."""
-        self.writer.close()
+        self.write(np.concatenate([picture.frame, enhanced], 1), picture.time)
 
 
-class Overlay(Watcher):
+class Overlay(Film):
     """overlay.mp4: the video with every object in sight marked."""
 
-    def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
-        self.size = even(size)
-        self.writer = VideoWriter(path, fps, self.size)
+    def picture(self, picture: Picture) -> None:
+        self.write(marked(picture.frame, picture.objects), picture.time)
+
+
+class Gallery(Watcher):
+    """The picture with the most of the objects in it, and the largest view of each object.
+
+    Attributes:
+        poster: that picture, objects marked, and without; None before any.
+        crops: views by number of object.
+    """
+
+    def __init__(self) -> None:
+        self.crops = dict[int, Pixels]()
+        self.poster: tuple[Pixels, Pixels] | None = None
+        self._areas = dict[int, float]()
+        self._best = -1.0
 
     def picture(self, picture: Picture) -> None:
-        height, width = self.size
-        image = clocked(marked(picture.frame[:height, :width], picture.objects), picture.time)
-        self.writer.write(torch.from_numpy(image).permute(2, 0, 1))
+        total = 0.0
+        for thing in picture.objects:
+            if thing.box is None or thing.number is None:
+                continue
+            left, top, right, bottom = thing.box
+            area = (right - left) * (bottom - top)
+            total += area**0.5
+            if area > self._areas.get(thing.number, 0.0) and (thing.number in self.crops or len(self.crops) < CROPS):
+                rim = 0.1 * max(right - left, bottom - top) + 2
+                rows = slice(max(0, int(top - rim)), max(1, int(bottom + rim)))
+                columns = slice(max(0, int(left - rim)), max(1, int(right + rim)))
+                self._areas[thing.number] = area
+                self.crops[thing.number] = resized(picture.frame[rows, columns], CROP_SIDE)
+        if total > self._best:
+            self._best, self.poster = total, (marked(picture.frame, picture.objects), picture.frame)
 
-    def close(self) -> None:
-        """Finish the file."""
-        self.writer.close()
+    def write(self, folder: Path) -> None:
+        """Write poster.jpg, and objects.jpg: six views in a row, each over the number of its object."""
+        if self.poster is not None:
+            write_jpeg(resized(self.poster[0], POSTER_SIDE), folder / "poster.jpg")
+        edge, views = CROP_SIDE + 30, []
+        for number in sorted(self.crops):
+            view = np.full((edge, edge, 3), 255, np.uint8)
+            crop = self.crops[number]
+            view[: len(crop), : crop.shape[1]] = crop
+            put_text(view, f"object {number}", 2, edge - 8, (40, 40, 40))
+            views.append(view)
+        if views:
+            across = min(6, len(views))
+            views += [np.full_like(views[0], 255)] * (-len(views) % across)
+            rows = [np.concatenate(views[k : k + across], 1) for k in range(0, len(views), across)]
+            write_jpeg(np.concatenate(rows), folder / "objects.jpg")
+
+
+def resized(image: Pixels, longest: int) -> Pixels:
+    """A copy of an image of which no side is longer than that; small ones are enlarged up to four times."""
+    import cv2
+
+    scale = min(4.0 if longest == CROP_SIDE else 1.0, longest / max(image.shape[:2]))
+    size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(np.ascontiguousarray(image), size, interpolation=how), dtype=np.uint8)
+
+
+def write_jpeg(image: Pixels, path: Path) -> None:
+    """Write red, green and blue `[H, W, 3]` as a JPEG file."""
+    import cv2
+
+    _, data = cv2.imencode(".jpg", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 88])
+    path.write_bytes(data.tobytes())
 
 
 def write_mask_film(tracks: SourceTracks, path: Path) -> None:
     """mask.mp4: white where an object is; a frame for every frame of the source, and as large."""
     if len(tracks.frames) == 0:
         return
-    size = even(tracks.size)
+    height, width = tracks.size[0] // 2 * 2, tracks.size[1] // 2 * 2
     steps = np.diff(tracks.times)
     rate = 1 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else 25.0
-    writer = VideoWriter(path, rate, size)
-    last = np.searchsorted(tracks.frame, tracks.frames, side="right").tolist()
-    for first, end in zip(np.searchsorted(tracks.frame, tracks.frames).tolist(), last, strict=True):
+    writer = VideoWriter(path, rate, (height, width))
+    for number in tracks.frames.tolist():
         image = np.zeros(tracks.size, np.uint8)
-        for mask in filter(None, map(tracks.mask, range(first, end))):
-            height, width = mask.pixels.shape
-            image[mask.top : mask.top + height, mask.left : mask.left + width][mask.pixels] = 255
-        writer.write(torch.from_numpy(image[: size[0], : size[1]]).expand(3, *size))
+        for k in range(*np.searchsorted(tracks.frame, [number, number + 1]).tolist()):
+            if (mask := tracks.masks[k]) is not None:
+                tall, wide = mask.pixels.shape
+                image[mask.top : mask.top + tall, mask.left : mask.left + wide][mask.pixels] = 255
+        writer.write(torch.from_numpy(image[:height, :width]).expand(3, height, width))
     writer.close()
 
 
-class RunRecording(Watcher):
-    """Shows a run to a rerun recording."""
-
-    def __init__(self, path: Path) -> None:
-        self.recording = Recording(path)
-
-    def picture(self, picture: Picture) -> None:
-        if picture.enhanced is None:
-            image = marked(picture.frame, picture.objects)
-            words = ", ".join(thing.color for thing in picture.objects) or "nothing in sight"
-            self.recording.frame(picture.time, picture.frame, image, words)
-        else:
-            words = f"{FEATURES[picture.winner]} wins" if picture.winner >= 0 else "no winner yet"
-            self.recording.frame(picture.time, picture.frame, picture.enhanced, words)
-
-    def signals(self, signals: Any, weights: Tensor, state: Any) -> None:
-        times = signals.time.tolist()
-        for at, outputs in zip(times, over_fields(signals.outputs), strict=True):
-            self.recording.outputs(at, outputs)
-        if times:
-            self.recording.weights(times[-1], weights)
-
-    def finish(self, text: str) -> None:
-        """Add the table of objects and close the file."""
-        self.recording.objects(text)
-        self.recording.close()
-
-
-def even(size: tuple[int, int]) -> tuple[int, int]:
-    """The size that codecs take: not more, and even in height and width."""
-    return size[0] // 2 * 2, size[1] // 2 * 2
+def rgb(feature: str | int) -> tuple[int, int, int]:
+    """Color of a feature, by name or number, as three values in 0..255; grey for what is none."""
+    name = FEATURES[feature] if isinstance(feature, int) else feature
+    if name not in STYLES:
+        level = {"white": 255, "black": 0}.get(name, 136)
+        return level, level, level
+    red, green, blue = bytes.fromhex(STYLES[name].color[1:])
+    return red, green, blue
 
 
 def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
@@ -130,58 +169,40 @@ def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
     import cv2
 
     image = np.ascontiguousarray(frame).copy()
+    pen = max(1, round(len(image) / 500))
     for thing in things:
         if thing.place is None:
             continue
-        color = rgb(thing.color) if thing.color in STYLES else HUELESS.get(thing.color, GREY_RGB)
-        label = f"{mark_of(thing)} {thing.color}".strip()
-        column, row = (round(side) for side in thing.place)
-        if thing.box is not None:
-            corners = [(round(thing.box[0]), round(thing.box[1])), (round(thing.box[2]), round(thing.box[3]))]
-            pen = max(1, round(len(image) / 500))
-            for ink, width in ((rim(color), 3 * pen), (color, pen)):
-                cv2.rectangle(image, corners[0], corners[1], ink, width, cv2.LINE_AA)
-            lettered(image, label, corners[0][0], corners[0][1] - 4, color)
-            continue
+        color = rgb(thing.color)
+        x, y = (round(side) for side in thing.place)
         radius = round(0.08 * len(image) * max(1.0, (thing.fields or 1) ** 0.5 / 2))
-        down, right = STEP.get(thing.direction or "", (0, 0))
-        tip = (column + right * 2 * radius, row + down * 2 * radius)
-        for ink, width in ((rim(color), 4), (color, 2)):
-            cv2.circle(image, (column, row), radius, ink, width, cv2.LINE_AA)
-        for ink, width in ((rim(color), 4), (color, 2)):
-            cv2.arrowedLine(image, (column, row), tip, ink, width, cv2.LINE_AA, tipLength=0.35)
-        lettered(image, label, column - radius, row - radius - 4, color)
+        left, top, right, bottom = map(round, thing.box or (x - radius, y - radius, x + radius, y + radius))
+        across, down = STEP.get(thing.direction or "", (0, 0))
+        for ink, width in ((contrasting(color), 3 * pen), (color, pen)):
+            if thing.box is not None:
+                cv2.rectangle(image, (left, top), (right, bottom), ink, width, cv2.LINE_AA)
+            else:
+                cv2.circle(image, (x, y), radius, ink, width, cv2.LINE_AA)
+                tip = x + 2 * radius * across, y + 2 * radius * down
+                cv2.arrowedLine(image, (x, y), tip, ink, width, cv2.LINE_AA, tipLength=0.35)
+        label = thing.color if thing.number is None else f"#{thing.number} {thing.color}"
+        put_text(image, label, left, top - 4, color)
     return image
 
 
-def mark_of(thing: BoundObject) -> str:
-    """The number of an object that is followed, as in the table."""
-    return "" if thing.number is None else f"#{thing.number}"
+def contrasting(color: tuple[int, int, int]) -> tuple[int, int, int]:
+    """Black for a light color, white for all others: the rim that a color is drawn on."""
+    return (0, 0, 0) if sum(color) > 3 * 200 else (255, 255, 255)
 
 
-def rim(color: tuple[int, int, int]) -> tuple[int, int, int]:
-    """What a color is drawn on so that it can be seen: black under a light one, white under all others."""
-    return (0, 0, 0) if sum(color) > LIGHT else (255, 255, 255)
-
-
-def clocked(image: Pixels, seconds: float) -> Pixels:
-    """A copy of the image `[H, W, 3]` with the time at its lower left."""
-    image = np.ascontiguousarray(image).copy()
-    lettered(image, f"{seconds:.1f} s", 4, len(image) - 5, (0, 0, 0))
-    return image
-
-
-def lettered(image: Pixels, words: str, column: int, baseline: int, color: tuple[int, int, int]) -> None:
-    """Write on the image, in color on a rim, inside the picture; not on one that is too small for letters."""
+def put_text(image: Pixels, text: str, column: int, baseline: int, color: tuple[int, int, int]) -> None:
+    """Write on an image, in color on a rim, inside the picture; not on one of fewer than 100 rows."""
     import cv2
 
-    if len(image) < SMALLEST:
+    if len(image) < 100:
         return
     font, scale = cv2.FONT_HERSHEY_SIMPLEX, max(0.4, len(image) / 560)
-    words = words.replace("°", " deg")
-    (wide, tall), _ = cv2.getTextSize(words, font, scale, 1)
+    (wide, tall), _ = cv2.getTextSize(text, font, scale, 1)
     place = (min(max(2, column), max(2, image.shape[1] - wide - 2)), min(max(tall + 2, baseline), len(image) - 3))
-    # Thicker letters are wider too, so the rim is the same letters around them.
-    around = [(across, down, rim(color)) for across in (-1, 0, 1) for down in (-1, 0, 1)]
-    for across, down, ink in (*around, (0, 0, color)):
-        cv2.putText(image, words, (place[0] + across, place[1] + down), font, scale, ink, 1, cv2.LINE_AA)
+    for ink, width in ((contrasting(color), 3), (color, 1)):
+        cv2.putText(image, text, place, font, scale, ink, width, cv2.LINE_AA)

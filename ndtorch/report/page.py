@@ -14,28 +14,20 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ndtorch.binding import BoundObject, save_state
+from ndtorch.binding import save_state
 from ndtorch.report.exports import write_exports
-from ndtorch.report.films import marked, write_mask_film
-from ndtorch.report.gallery import Gallery, contact_sheet, shrunk, write_jpeg
-from ndtorch.report.plots import draw_all
-from ndtorch.report.source_tracks import source_tracks
-from ndtorch.report.timeline import draw_timeline
-from ndtorch.report.words import numbered, summary, verdict_words, words
+from ndtorch.report.films import Gallery, write_mask_film
+from ndtorch.report.plots import draw_all, draw_timeline
+from ndtorch.report.summary import NOTHING_MOVED, features_table, numbered, summary, verdict_words, words
+from ndtorch.report.tracks import source_tracks
 from ndtorch.run.result import RunResult
 from ndtorch.utils.files import write_text
-from ndtorch.vision import FEATURES
-
-KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
-"""What is embedded, by suffix."""
-
-LARGEST = 24_000_000
-"""Bytes of a film that is embedded; a larger one stays beside the page, and the page links it."""
-
-POSTER_SIDE = 1280
-"""Longest side of the poster, pixels."""
 
 NAME = "report.html"
+KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
+"""What is embedded, by suffix."""
+LARGEST = 24_000_000
+"""Bytes of a film that is embedded; a larger one stays beside the page, and the page links it."""
 
 
 class Table(NamedTuple):
@@ -76,27 +68,10 @@ class Page:
 
     def write(self, folder: Path) -> Path:
         """Write report.html into `folder`; returns the file."""
-        media = [
-            {
-                "title": one.title,
-                "caption": one.caption,
-                "film": one.file.suffix == ".mp4",
-                "address": address(one.file),
-            }
-            for one in self.shown
-            if one.file.is_file()
-        ]
-        text = render(
-            "run.html",
-            title=self.title,
-            answer=self.answer,
-            command=self.command,
-            facts=self.facts,
-            tables=self.tables,
-            media=media,
-        )
+        there = [one for one in self.shown if one.file.is_file()]
+        media = [{**one._asdict(), "film": one.file.suffix == ".mp4", "address": address(one.file)} for one in there]
         path = folder / NAME
-        write_text(path, text)
+        write_text(path, render("run.html", **{**vars(self), "media": media}))
         return path
 
 
@@ -104,15 +79,10 @@ def render(template: str, folder: Path | None = None, **values: Any) -> str:
     """A template filled in; `folder` has more templates, which may extend `base.html`. Text is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    places = [Path(__file__).with_name("templates"), *([] if folder is None else [folder])]
-    house = Environment(
-        loader=FileSystemLoader(places),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return house.get_template(template).render(**values)
+    folders = [Path(__file__).with_name("templates"), *([] if folder is None else [folder])]
+    options: dict[str, Any] = {"autoescape": True, "trim_blocks": True, "lstrip_blocks": True}
+    environment = Environment(loader=FileSystemLoader(folders), undefined=StrictUndefined, **options)
+    return environment.get_template(template).render(**values)
 
 
 def address(file: Path) -> str:
@@ -124,13 +94,13 @@ def address(file: Path) -> str:
 
 def versions(*distributions: str) -> dict[str, str]:
     """Python, the processor and the versions of what was used, as facts of a page."""
-    found = {}
+    used = {}
     for name in ("ndtorch", *distributions, "torch"):
         try:
-            found[name] = version(name)
+            used[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "not installed"
-    return {**found, "Python": platform.python_version(), "machine": f"{platform.system()}, {platform.machine()}"}
+            used[name] = "not installed"
+    return {**used, "Python": platform.python_version(), "machine": f"{platform.system()}, {platform.machine()}"}
 
 
 def command_line() -> str:
@@ -149,14 +119,12 @@ def open_in_browser(page: Path) -> None:
 SHOWN = (
     ("poster.jpg", "The objects", "The picture in which most of them are in view."),
     ("objects.jpg", "Each object", "Where it was seen largest, over its number."),
-    ("overlay.mp4", "The video, objects marked", "A circle or box in its color, its number, its color in "
-     "words, an arrow where it moves, and the clock. What was in sight for a moment has a number, but is no object."),
+    ("overlay.mp4", "The video, objects marked", "Box or circle in the object's color, its number, its color in words, "
+     "an arrow where it moves, and the clock."),
     ("timeline.png", "Objects over time", "Above: a lane an object, thick while it is in sight. Below: where it went."),
     ("enhanced.mp4", "Input and attention", "Left: what the model sees. Right: the same, weighted by the features of "
      "the winning neuron, brightened as far as the input."),
-    ("frames.png", "Attention, cropped to the object", "The clearest moment of every winner. The boxes mark what is "
-     "shown larger. The numbers compare the brightest pixel of the object with the brightest one elsewhere; the object "
-     "is what is at least 0.35 times as bright as the brightest pixel after attention."),
+    ("frames.png", "Attention", "Input and enhanced image at the clearest moment of every winner."),
     ("weights.png", "What was learned", "Each column holds the weights from one neuron to all others. Neurons that "
      "own an object have large ones, and their column is the object's list of features."),
     ("weights_over_time.png", "How it was learned", "Weights that each owner sends to the others."),
@@ -169,13 +137,14 @@ SHOWN = (
 def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
     """Write report.html about a run whose other files are in `folder`."""
     count = len(result.objects)
-    found = [f"{count} object{'s' * (count != 1)} found." if count else "No objects found."]
-    found += [f"{line[0].upper()}{line[1:]}." for line in result.advice]
-    found += [f"Object {number}: {words(thing).strip()}." for number, thing in numbered(result.objects)]
+    answer = [f"{count} object{'s' * (count != 1)} found." if count else "No objects found."]
+    answer += [f"Object {number}: {words(thing).strip()}." for number, thing in numbered(result.objects)]
     if result.table is not None:
-        found.append(f"Verdict: {verdict_words(result)}.")
+        answer.append(f"Verdict: {verdict_words(result)}.")
+    elif not count:
+        answer.append(f"{NOTHING_MOVED[0].upper()}{NOTHING_MOVED[1:]}.")
     if result.interrupted:
-        found.append("The run was stopped early; this is what was found so far.")
+        answer.append("The run was stopped early; this is what was found so far.")
     facts = {
         "source": result.source,
         "frames": f"{result.frames} of {result.size[1]} x {result.size[0]} pixels, {result.simulated_seconds:g} s",
@@ -183,37 +152,18 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
         "time taken": f"{result.wall_seconds:.1f} s",
         **versions(),
     }
-    tables = [features_table(result.objects)] if count else []
+    heads, rows = features_table(result.objects)
+    rows = [[str(number), *row] for (number, _), row in zip(numbered(result.objects), rows, strict=True)]
+    remark = "Shares of the strongest; an empty cell: none of it."
+    tables = [Table("Features of every object", ["object", *heads], rows, remark)] if count else []
     shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN]
-    return Page(f"{result.source}: what moves together", found, command_line(), facts, tables, shown).write(folder)
-
-
-def features_table(things: list[BoundObject]) -> Table:
-    """A row an object, a column a feature."""
-    sure = [] if any(thing.confidence is None for thing in things) else ["confidence"]
-    heads = ["object", "neuron", *FEATURES, *sure]
-    rows = []
-    for number, thing in numbered(things):
-        cells = [f"{thing.features[name]:.2f}" if name in thing.features else "" for name in FEATURES]
-        confidence = [f"{thing.confidence:.2f}" for _ in sure]
-        rows.append([str(number), thing.neuron, *cells, *confidence])
-    return Table("Features of every object", heads, rows, "Shares of the strongest; an empty cell: none of it.")
+    return Page(f"{result.source}: what moves together", answer, command_line(), facts, tables, shown).write(folder)
 
 
 def folder_name(name: str) -> str:
     """The name of a source as a folder name: the stem of a path, with nothing but letters, digits, `.`, `_`, `-`."""
     stem = Path(name).stem if "/" in name else name
     return re.sub(r"[^A-Za-z0-9._-]+", "-", stem).strip("-.") or "run"
-
-
-def write_gallery(gallery: Gallery, folder: Path) -> None:
-    """Write poster.jpg and objects.jpg."""
-    sheet = contact_sheet(gallery.crops)
-    if sheet is not None:
-        write_jpeg(sheet, folder / "objects.jpg")
-    if gallery.poster is not None:
-        frame, things = gallery.poster
-        write_jpeg(shrunk(marked(frame, things), POSTER_SIDE), folder / "poster.jpg")
 
 
 def write_result(
@@ -236,13 +186,15 @@ def write_result(
     before = set(folder.iterdir())
     try:
         if result.table is None:
-            tracks = source_tracks(result)
-            write_exports(result, folder, tracks)
-            if mask:
-                write_mask_film(tracks, folder / "mask.mp4")
-            draw_timeline(result, folder / "timeline.png", None if gallery is None else gallery.ground())
+            if any(thing.boxes for thing in result.objects):
+                tracks = source_tracks(result)
+                write_exports(tracks, folder)
+                if mask:
+                    write_mask_film(tracks, folder / "mask.mp4")
+            poster = None if gallery is None or gallery.poster is None else gallery.poster[1]
+            draw_timeline(result, folder / "timeline.png", poster)
             if gallery is not None:
-                write_gallery(gallery, folder)
+                gallery.write(folder)
         else:
             draw_all(result, folder)
         write_run_page(result, folder, chosen)

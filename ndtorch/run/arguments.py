@@ -4,29 +4,31 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import inspect
 import io
 import itertools
 import re
-from collections.abc import Callable, Sequence
-from typing import Annotated, Any, TypeVar, get_type_hints
+from collections.abc import Sequence
+from typing import Annotated, Any, get_type_hints
 
 from ndtorch.errors import InputError, did_you_mean
 
-Kind = TypeVar("Kind", bound=type)
-
 QUIET = ("-q", "--quiet")
 """Flags that every command knows."""
-
 EVERY = "Every command takes --quiet (-q): it prints nothing but errors, and the answer of --json."
-
 REFUSED = 2
 """The exit code with which tyro refuses arguments."""
 
-PLAINLY = (
-    (
-        r"^Error parsing (\S+): no type matching FLOAT could be instantiated from \[(.*)\]$",
-        r"\1 takes a number, got \2",
-    ),
+METAVARS = {
+    "source": "SOURCE",
+    "config": "CONFIG",
+    **dict.fromkeys(("out", "resume", "folder", "save_map"), "DIR"),
+    **dict.fromkeys(("seconds", "settle", "start_seconds"), "SECONDS"),
+}
+"""How options of these names are shown in the help; others by their type."""
+
+REWORDED = (
+    (r"^Error parsing (\S+): no type matching FLOAT could .* from \[(.*)\]$", r"\1 takes a number, got \2"),
     (r"^Error parsing (\S+): no type matching INT could .* from \[(.*)\]$", r"\1 takes a whole number, got \2"),
     (r"^Error parsing (\S+): Could not find valid parse for arguments: \[(.*)\]$", r"\1 does not take \2"),
     (r"^Missing value for argument '(.*)'\. Expected .*$", r"\1 needs a value"),
@@ -35,35 +37,11 @@ PLAINLY = (
 
 RANGES = {
     **dict.fromkeys(("seed", "start", "stop"), (0, 2**31 - 1)),
-    **dict.fromkeys(("scenes", "workers", "trials", "clips"), (1, 10**6)),
+    **dict.fromkeys(("scenes", "workers", "trials", "clips", "every"), (1, 10**6)),
     **dict.fromkeys(("seconds", "settle"), (0, 1e7)),
     "fps": (0, 1e5),
 }
-"""What a number may be, wherever an option of that name is."""
-
-HUGEST = 1e9
-"""No other number of an option is further from 0."""
-
-UNSAID = ("None", "False", "")
-"""Defaults that say nothing: the words before say what happens where an option is not given."""
-
-
-def choices(**words: Sequence[str]) -> Callable[[Kind], Kind]:
-    """Class decorator, under `dataclass`: the help shows what an option takes, `--rule {competitive,hebbian}`.
-
-    What is given is checked where it is used, with one line that names the option.
-    """
-
-    def add(kind: Kind) -> Kind:
-        import tyro
-
-        hints = get_type_hints(kind, include_extras=True)
-        for name, taken in words.items():
-            shown = tyro.conf.arg(metavar="{" + ",".join(taken) + "}")
-            kind.__annotations__[name] = Annotated[hints[name], shown]
-        return kind
-
-    return add
+"""What a number may be, wherever an option of that name is; others are within 1e9 of 0."""
 
 
 def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
@@ -80,32 +58,34 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
     """
     import tyro
 
+    def default_text(default: str) -> str:
+        return "" if default in ("None", "False", "") or "(default" in default else f"(default: {default})"
+
     hints = get_type_hints(kind, include_extras=True)
-    hide = tyro.conf.arg(help_behavior_hint=lambda default: "" if default in UNSAID else f"(default: {default})")
     for field in dataclasses.fields(kind):
-        kind.__annotations__[field.name] = Annotated[hints[field.name], hide]
+        shown = tyro.conf.arg(metavar=METAVARS.get(field.name), help_behavior_hint=default_text)
+        kind.__annotations__[field.name] = Annotated[hints[field.name], shown]
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone)
-    told = io.StringIO()
+    about, said = inspect.cleandoc(kind.__doc__ or ""), io.StringIO()
     try:
-        with contextlib.redirect_stderr(told):
-            found = tyro.cli(kind, prog=prog, description=f"{kind.__doc__}\n\n{EVERY}", args=arguments, config=config)
-            check_ranges(found)
-            return found
+        with contextlib.redirect_stderr(said):
+            command = tyro.cli(kind, prog=prog, description=f"{about}\n\n{EVERY}", args=arguments, config=config)
+            check_ranges(command)
+            return command
     except SystemExit as end:
         if end.code != REFUSED:
             raise
-    raise InputError(in_a_line(told.getvalue(), prog, flags_of(kind), arguments))
+    raise InputError(in_a_line(said.getvalue(), prog, flags_of(kind), arguments))
 
 
 def check_ranges(command: Any) -> None:
     """Raise `InputError` for a number that no option of its name takes."""
     for field in dataclasses.fields(command):
         value = getattr(command, field.name)
-        low, high = RANGES.get(field.name, (-HUGEST, HUGEST))
+        low, high = RANGES.get(field.name, (-1e9, 1e9))
         if isinstance(value, int | float) and not isinstance(value, bool) and not low <= value <= high:
-            raise InputError(
-                f"--{field.name.replace('_', '-')} must be a number from {low:.10g} to {high:.10g}, got {value}"
-            )
+            name = field.name.replace("_", "-")
+            raise InputError(f"--{name} must be a number from {low:.10g} to {high:.10g}, got {value}")
 
 
 def flags_of(kind: type[Any]) -> list[str]:
@@ -119,16 +99,15 @@ def in_a_line(box: str, prog: str, flags: Sequence[str], arguments: Sequence[str
     # Where the terminal has no such characters, rules are of hyphens, and one stands under the title.
     rows = [row.strip("│╭╰╮╯ ").strip() for row in box.splitlines()][1:]
     rows = rows[1:] if rows and not rows[0].strip("-") else rows
-    about = itertools.takewhile(lambda row: row.strip("─-"), rows)
-    words = " ".join(about).replace(" (required)", "").rstrip(".")
-    for pattern, better in PLAINLY:
-        words = re.sub(pattern, better, words)
-    if not words:
+    text = " ".join(itertools.takewhile(lambda row: row.strip("─-"), rows)).replace(" (required)", "").rstrip(".")
+    for pattern, better in REWORDED:
+        text = re.sub(pattern, better, text)
+    if not text:
         return f"cannot be used: {' '.join(arguments)}"
-    given = [word for word in arguments if word.startswith("--") and word.partition("=")[0] not in flags]
-    hint = did_you_mean(given[0], flags) if given else ""
-    choice = re.search(r"invalid choice '(.*)' for argument '(.*)'\. .* one of \((.*)\)", words)
+    unknown = [word for word in arguments if word.startswith("--") and word.partition("=")[0] not in flags]
+    choice = re.search(r"invalid choice '(.*)' for argument '(.*)'\. .* one of \((.*)\)", text)
     if choice is not None:
         known = sorted(set(re.findall(r"'([^']*)'", choice[3])) - {"None"})
         return f"{choice[2]} must be one of {', '.join(known)}, got {choice[1]!r}{did_you_mean(choice[1], known)}"
-    return words[0].lower() + words[1:] + (hint or f"; see {prog} --help")
+    hint = did_you_mean(unknown[0], flags) if unknown else ""
+    return text[0].lower() + text[1:] + (hint or f"; see {prog} --help")

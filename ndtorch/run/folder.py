@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import json
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,66 +24,35 @@ class RunFolder:
     If the wanted folder has anything in it, the run gets the next that is free: `two-bars`, `two-bars-2`. Two runs
     that begin at once get two folders. Files are written into `work` and moved in by `publish`.
 
-    Attributes:
-        final: where the results will be. With `force` and an unfinished run this may change in `publish`.
-        work: where to write them.
-
     Args:
         wanted: the folder.
         force: take this folder whatever is in it; files of the same names are replaced, others stay.
+
+    Attributes:
+        final: where the results will be.
+        work: where to write them.
 
     Raises:
         InputError: it cannot be made or written to.
     """
 
     def __init__(self, wanted: Path, force: bool = False) -> None:
-        self._wanted, self._made = wanted, False
-        self._parents: list[Path] = []
-        try:
-            if force and wanted.is_dir():
-                self.final = wanted
-                self.work = Path(tempfile.mkdtemp(prefix=f"{UNFINISHED}-", dir=wanted))
-            else:
-                self._claim()
-            try_writing(self.work)
-        except OSError as error:
-            with contextlib.suppress(AttributeError):
-                self.discard()
-            raise InputError(f"--out {wanted}: cannot write there ({error.strerror})") from None
-
-    def _claim(self) -> None:
-        """Take the first folder that is free. Making `unfinished` in it succeeds for one process only."""
-        # `.` and `..` have no name to put a number after.
-        wanted = self._wanted if self._wanted.name not in ("", "..") else self._wanted.resolve()
-        # A publish may claim again: what was made the first time is there then.
-        self._parents += [parent for parent in wanted.parents if not parent.exists()]
-        wanted.parent.mkdir(parents=True, exist_ok=True)
-        for number in count(1):
-            self.final = wanted if number == 1 else wanted.with_name(f"{wanted.name}-{number}")
-            self.work = self.final / UNFINISHED
-            try:
-                self.final.mkdir()
-                self._made = True
-            except FileExistsError:
-                self._made = False
-                if not self.final.is_dir() and number == 1:
-                    raise NotADirectoryError(errno.ENOTDIR, "it is a file") from None
-                if not self.final.is_dir() or any(self.final.iterdir()):
-                    continue
-            with contextlib.suppress(FileExistsError):
-                self.work.mkdir()
+        self.parents = [parent for parent in wanted.parents if not parent.exists()]
+        for folder in candidates(wanted):
+            make_writable(folder)
+            self.final, self.work = folder, folder / UNFINISHED
+            if force:
+                self.work = Path(tempfile.mkdtemp(prefix=f"{UNFINISHED}-", dir=folder))
                 return
+            # Making it succeeds for one of two processes only.
+            with contextlib.suppress(FileExistsError):
+                if not any(folder.iterdir()):
+                    self.work.mkdir()
+                    return
 
-    def publish(self, whole: bool = True) -> list[Path]:
-        """Move everything in; returns the files. A run that was not `whole` never replaces files of an earlier one."""
+    def publish(self) -> list[Path]:
+        """Move everything in; returns the files."""
         files = sorted(self.work.iterdir())
-        if not whole and any((self.final / file.name).exists() for file in files):
-            old = self.work
-            self._claim()
-            for file in files:
-                shutil.move(file, self.work / file.name)
-            old.rmdir()
-            files = sorted(self.work.iterdir())
         for file in files:
             sync(file)
         moved = [file.replace(self.final / file.name) for file in files]
@@ -93,11 +61,19 @@ class RunFolder:
         return moved
 
     def discard(self) -> None:
-        """Drop what was written, and the folders if they were made for this run and nothing else came in."""
+        """Drop what was written, and the folders that were made for it and are empty."""
         shutil.rmtree(self.work, ignore_errors=True)
-        for made in [self.final, *self._parents] if self._made else self._parents:
+        for made in (self.final, *self.parents):
             with contextlib.suppress(OSError):
                 made.rmdir()
+
+
+def candidates(wanted: Path) -> Iterator[Path]:
+    """`maps`, `maps-2`, `maps-3`, ..."""
+    wanted = wanted if wanted.name not in ("", "..") else wanted.resolve()
+    yield wanted
+    for number in count(2):
+        yield wanted.with_name(f"{wanted.name}-{number}")
 
 
 SETTINGS = "settings.json"
@@ -122,29 +98,30 @@ class Place(NamedTuple):
 
 
 def place_for(wanted: Path, settings: Mapping[str, Any], fresh: bool = False, force: bool = False) -> Place:
-    """The folder of the run with these settings, options and code, if there was one; else the next that is free:
-    `maps`, `maps-2`. `fresh`: nothing of earlier runs is used; `force`: this folder, whatever is in it.
+    """The folder of the run with these settings, options and code, if there was one; else the next that is free.
+
+    Args:
+        fresh: nothing of earlier runs is used.
+        force: this folder, whatever is in it.
     """
     text = json.dumps(settings, sort_keys=True, indent=1, default=str) + "\n"
-    wanted = wanted if wanted.name not in ("", "..") else wanted.resolve()
     before: Path | None = None
-    for number in count(1):
-        folder = wanted if number == 1 else wanted.with_name(f"{wanted.name}-{number}")
-        prepare(folder)
+    for folder in candidates(wanted):
+        make_writable(folder)
         mark = folder / SETTINGS
-        found = read_text(mark, TABLE_BYTES) if mark.is_file() else None
+        kept = read_text(mark, TABLE_BYTES) if mark.is_file() else None
         if force:
             write_text(mark, text)
-            break
-        if found == text and not fresh:
-            break
-        if found is None and not any(folder.iterdir()):
+            return Place(folder, None if kept == text else before)
+        if kept == text and not fresh:
+            return Place(folder, None)
+        if kept is None and not any(folder.iterdir()):
             # For one of two processes that begin at once.
             with contextlib.suppress(FileExistsError), mark.open("x", encoding="utf-8") as file:
                 file.write(text)
-                break
-        before = before if found is None or fresh else folder
-    return Place(folder, None if found == text else before)
+                return Place(folder, before)
+        before = before if kept is None or fresh else folder
+    raise AssertionError
 
 
 def new_file(file: Path, force: bool = False) -> None:
@@ -153,17 +130,12 @@ def new_file(file: Path, force: bool = False) -> None:
         raise InputError(f"{file} exists; --force replaces it")
 
 
-def prepare(folder: Path) -> None:
-    """Make a folder and see that files can be written in it. Raises `InputError`: it cannot be made or written to."""
+def make_writable(folder: Path) -> None:
+    """Make a folder and write a little in it, before any time is spent; raises `InputError` where that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        try_writing(folder)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"0" * 4096)
+            file.flush()
     except OSError as error:
         raise InputError(f"--out {folder}: cannot write there ({error.strerror})") from None
-
-
-def try_writing(folder: Path) -> None:
-    """Write a little, before any time is spent: on a full disk folders can be made, and files cannot be written."""
-    with tempfile.TemporaryFile(dir=folder) as file:
-        file.write(b"0" * 4096)
-        file.flush()

@@ -2,35 +2,36 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shlex
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import torch
-from pydantic import Field
-from torch import Tensor
 
 from ndtorch.binding import BindingModel, load_state, to_device, train_first_stage
 from ndtorch.binding.saving import frames_taken, read_about
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.loading import load, model_kind, model_names
+from ndtorch.run.arguments import check_ranges
 from ndtorch.run.options import (
     CAMERA_SECONDS,
+    DEFAULT_SOURCE,
+    FIXED,
     MODEL_OPTIONS,
+    OWN,
     BindJob,
     check_numbers,
-    check_options,
-    check_resume,
     default_model,
+    flag,
     given,
 )
 from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.named import SECONDS
-from ndtorch.scenes.video import Fit, SourceFrames, VideoSource, open_video
-from ndtorch.utils.toml import Strict, check
+from ndtorch.scenes.video import Fit, open_video
+from ndtorch.utils.toml import check
 
 STATE = "state.safetensors"
 CAMERA_MODELS = {"foreground": 448}
@@ -38,37 +39,12 @@ CAMERA_MODELS = {"foreground": 448}
 are decoded: `foreground` needs two for one of its own."""
 
 
-class KeptOptions(Strict):
-    """Constants of the model that were given."""
+@dataclass(frozen=True)
+class KeptRun(BindJob):
+    """What a state says of the run that it ended: its options, the frames that it had, and their rate."""
 
-    rule: str | None = None
-    order: str | None = None
-    gamma: float | None = None
-    settle: float | None = Field(None, ge=0, le=1e7)
-
-
-class KeptScene(Strict):
-    """Options of a simulated scene that were given."""
-
-    phase: float = 0.0
-    seed: int = Field(0, ge=0, lt=2**31)
-    fps: float = Field(100.0, ge=1e-3, le=1e5)
-
-
-class KeptRun(Strict):
-    """What a state says of the run that it ended: it may come from anywhere."""
-
-    model: str
-    source: str
-    frames: int = Field(ge=0, le=10**9)
-    fps: float = Field(ge=1e-3, le=1e6)
-    options: KeptOptions
-    scene: KeptScene
-    fit: Literal["crop", "stretch"] | None = None
-    first_stage_radius: float | None = None
-    first: int = Field(0, ge=0, le=10**9)
-    every: int | None = Field(None, ge=1, le=10**6)
-    video_fps: float | None = Field(None, ge=1e-3, le=1e6)
+    frames: int = 0
+    rate: float | None = None
 
 
 @dataclass
@@ -79,6 +55,7 @@ class Prepared:
         source, model: what to run.
         state: where an earlier run ended, or None.
         start: number of the first frame.
+        most: frames to take; None for all.
         chosen: the model in words, and why it is this one.
         about: all that is needed to go on later, for the file of the state.
     """
@@ -87,6 +64,7 @@ class Prepared:
     model: BindingModel
     state: Any
     start: int
+    most: int | None
     chosen: str
     about: dict[str, Any]
 
@@ -95,166 +73,110 @@ def prepare(job: BindJob) -> Prepared:
     """Open the source and build the model. Raises `InputError`: in one line, whatever is wrong."""
     check_numbers(job)
     device = check_device(job.device)
-    about = {} if job.resume is None else described(job.resume)
-    name = about.get("source", job.source)
-    asked = None if job.model is None else identity(job.model)
-    model_name = about.get("model", asked or default_model(name))
-    if job.resume is not None and model_name not in (*model_names(), asked):
-        check_near(job.resume, "model", model_name, f"--model {shlex.quote(model_name)}")
-    kind = model_kind(model_name)
+    if job.model is not None and job.model not in model_names() and Path(job.model).is_dir():
+        job = dataclasses.replace(job, model=str(Path(job.model).resolve()))
+    kept = KeptRun() if job.resume is None else resumed(job.resume, job)
+    chosen = "default for " + ("scenes" if job.source in SCENES else "files and cameras") if job.model is None else ""
     if job.resume is not None:
-        check_resume(job, name, asked, model_name)
-        if name not in SCENES and job.source != name:
-            check_near(job.resume, "source", name, f"ndtorch bind {shlex.quote(name)} --resume {job.resume}")
-    check_options(job, kind)
+        job = dataclasses.replace(kept, **given(job, *OWN))
+        chosen = "that of the run that goes on"
+    model_name = job.model or default_model(job.source)
+    kind = model_kind(model_name)
     if kind in CAMERA_MODELS and device.type != "cpu":
         raise InputError(f"device must be cpu with the model {kind}, which is quickest there; got {job.device}")
-    start = {
-        "scene": given(job, ("phase", "seed", "fps")) if name in SCENES else {},
-        "fps": job.fps,
-        "video_fps": job.fps,
-        "fit": job.fit,
-        "first_stage_radius": job.first_stage_radius,
-        "first": job.start or 0,
-        "every": job.every or 1,
-        "frames": 0,
-    }
-    options = {**about.get("options", {}), **given(job, MODEL_OPTIONS)}
-    about = {**start, **about, "source": name, "model": model_name, "options": options}
-    first = 0
-    if name in SCENES:
-        source, first = open_scene(job, about), about["frames"]
-        model = make_model(about, source.size, source.fps, "wrap")
+    if kind in CAMERA_MODELS and job.fit is not None:
+        raise InputError(f"--fit is no option of {kind}, which takes the whole picture")
+    live = is_live(job.source)
+    seconds = job.seconds
+    if job.source in SCENES:
+        source = open_scene(job, kept.frames)
+        seconds = None
     else:
-        source = open_place(job, about, CAMERA_MODELS.get(kind))
-        first = 0 if is_live(name) else about["frames"]
-        model = make_model(about, source.size, source.fps, "reflect")
-    about["fps"] = source.fps
+        source = open_place(job, kept, CAMERA_MODELS.get(kind))
+        seconds = CAMERA_SECONDS if seconds is None and live and job.stop is None else seconds
+    options = given(job, *MODEL_OPTIONS)
+    if job.first_stage_radius is not None:
+        options["first_stage"] = train_first_stage(radius=job.first_stage_radius)
+    if kind not in CAMERA_MODELS:
+        options["border"] = "wrap" if job.source in SCENES else "reflect"
+    model = load(model_name, size=source.size, fps=source.fps, **options).to(device)
     state = None
-    if job.resume is not None:
-        state = to_device(load_state(job.resume / STATE, model)[0], device)
-        check_count(job.resume / STATE, state, about["frames"])
-    return Prepared(source, model.to(device), state, first, chosen(job, name, model_name, kind), about)
+    if kept.resume is not None:
+        path = kept.resume / STATE
+        state = to_device(load_state(path, model)[0], device)
+        taken = frames_taken(state)
+        # The sum of the file says that it is whole, not that it tells the truth.
+        if taken is not None and taken != kept.frames:
+            raise InputError(f"{path} says that it ended at frame {kept.frames}, and its state has seen {taken}")
+    fixed = (*FIXED, *MODEL_OPTIONS)
+    about = {"source": job.source, "model": model_name, "frames": kept.frames, "rate": source.fps, **given(job, *fixed)}
+    name = " ".join([model_name, *[f"({words})" for words in (kind, chosen) if words and words != model_name]])
+    most = None if seconds is None else max(1, round(seconds * source.fps))
+    return Prepared(source, model, state, 0 if live else kept.frames, most, name, about)
 
 
-def check_count(path: Path, state: Any, frames: int) -> None:
-    """Raise `InputError` where a state has not seen as many frames as its run is said to have had.
+def resumed(folder: Path, job: BindJob) -> KeptRun:
+    """The run that a folder is of; `InputError` where there is none, or where the job asks for something else.
 
-    The sum of the file says that it is whole, not that it tells the truth: a scene would go on at another place.
+    A folder may come from anybody: cameras, addresses and files elsewhere are opened if the user names them again.
     """
-    taken = frames_taken(state)
-    if taken is not None and taken != frames:
-        raise InputError(f"{path} says that it ended at frame {frames}, and its state has seen {taken}")
+    wrong = f"{folder}/{STATE} was not written by this version of ndtorch bind"
+    try:
+        kept = check(json.loads(read_about(folder / STATE)["run"]), KeptRun, wrong)
+        check_ranges(kept)
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise InputError(str(error) if isinstance(error, InputError) else wrong) from None
+    for name in given(job, *FIXED):
+        raise InputError(f"{flag(name)} cannot change when a run is resumed; leave it out")
+    if job.model not in (None, kept.model):
+        raise InputError(f"{folder} is a run of the model {kept.model}, and cannot go on with {job.model}")
+    if job.source not in (DEFAULT_SOURCE, kept.source):
+        raise InputError(f"{folder} is a run of {kept.source}, not of {job.source}")
+    again = f"ndtorch bind {shlex.quote(kept.source)} --resume {folder}"
+    named = [("source", kept.source, again, kept.source in (*SCENES, job.source))]
+    named += [("model", kept.model or "", f"--model {kept.model}", kept.model in (*model_names(), job.model))]
+    for what, name, command, known in named:
+        path = Path(name).resolve()
+        near = "://" not in name and not name.isdigit() and (path.is_file() or path.is_dir())
+        if not known and not (near and folder.resolve().parent in path.parents):
+            raise InputError(f"{folder} is a run of the {what} {name}; name it again to open it: {command}")
+    return dataclasses.replace(kept, resume=folder)
 
 
-def make_model(about: dict[str, Any], size: tuple[int, int], fps: float, border: str) -> BindingModel:
-    """The model of a run, for frames of that size and rate."""
-    options = dict(about["options"])
-    if about["first_stage_radius"] is not None:
-        options["first_stage"] = train_first_stage(radius=about["first_stage_radius"])
-    if model_kind(about["model"]) not in CAMERA_MODELS:
-        options["border"] = border
-    return load(about["model"], size=size, fps=fps, **options)
-
-
-def identity(model: str) -> str:
-    """A model as it is kept with a run: the name of one that comes with the package, or the whole path of a folder."""
-    return str(Path(model).resolve()) if model not in model_names() and Path(model).is_dir() else model
-
-
-def chosen(job: BindJob, source: str, model: str, kind: str) -> str:
-    """The model as the first line of a run names it: "foreground (default for files and cameras)"."""
-    if job.resume is not None:
-        return f"{model} (that of the run that goes on)"
-    if job.model is not None:
-        return model if model == kind else f"{model} ({kind})"
-    return f"{model} (default for {'scenes' if source in SCENES else 'files and cameras'})"
-
-
-def open_scene(job: BindJob, about: dict[str, Any]) -> FrameSource:
-    """A simulated scene as long as the job wants it, from its first frame on."""
+def open_scene(job: BindJob, frames: int) -> FrameSource:
+    """A simulated scene that goes on as long as the job wants after so many frames."""
     if job.start is not None or job.stop is not None:
         raise InputError("start and stop are frame numbers of videos; a scene has --seconds")
     if job.fit is not None:
         raise InputError("--fit is for the frames of videos; a scene has the size that is wanted")
-    options = about["scene"]
-    more = SECONDS if job.seconds is None else job.seconds
-    return make_scene(about["source"], seconds=about["frames"] / options.get("fps", 100.0) + more, **options)
+    seconds = frames / (job.fps or 100.0) + (SECONDS if job.seconds is None else job.seconds)
+    return make_scene(job.source, seconds=seconds, **given(job, "phase", "seed", "fps"))
 
 
-def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSource:
+def open_place(job: BindJob, kept: KeptRun, rows: int | None) -> FrameSource:
     """A file, folder, camera or stream; with `rows`, whole pictures of that height."""
-    name = about["source"]
-    for key in given(job, ("phase", "seed")):
+    name = job.source
+    for key in given(job, "phase", "seed"):
         raise InputError(f"{key} is an option of simulated scenes, and {name} is none")
-    if not is_known_place(name):
-        raise InputError(
-            f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}{source_meant(name)}"
-        )
-    if not is_live(name) and not Path(name).exists():
-        raise InputError(f"video {name} does not exist{source_meant(name)}")
-    # What a camera showed before is gone: it goes on where it is.
-    live = is_live(name)
-    first, begin = (None, 0) if live and about["frames"] else (about["first"] or None, about["frames"])
-    size, fit = ((500, 500), cast("Fit", about["fit"] or "crop")) if rows is None else ((rows, rows), "reduce")
-    every, fps = about["every"] or 1, about["video_fps"]
-    if live and about["frames"]:
-        fps = about["fps"] * every  # the model was made for the rate that was measured then
-    video = open_video(name, size, fps, first, job.stop, fit, every)
-    seconds = job.seconds if job.seconds is not None else (CAMERA_SECONDS if live and job.stop is None else None)
-    return video if seconds is None else Limited(video, seconds, begin)
-
-
-def source_meant(name: str) -> str:
-    """A question for the source that was meant: a scene, or a file or folder beside the one that is not there."""
-    place = Path(name)
-    beside = [] if not place.parent.is_dir() else [str(place.with_name(other.name)) for other in place.parent.iterdir()]
-    return did_you_mean(name, [*SCENES, *beside], 0.75)
+    live, path = is_live(name), Path(name)
+    if not live and not path.exists():
+        beside = [str(path.with_name(other.name)) for other in path.parent.iterdir()] if path.parent.is_dir() else []
+        meant = did_you_mean(name, [*SCENES, *beside], 0.75)
+        if "/" in name or "." in name:
+            raise InputError(f"video {name} does not exist{meant}")
+        known = ", ".join(SCENES)
+        raise InputError(f"source must be a file, a folder, a camera or one of {known}; got {name!r}{meant}")
+    # A camera goes on where it is, at the rate that was measured for the model.
+    goes_on = live and kept.frames > 0
+    first, every = (None if goes_on else job.start), job.every or 1
+    fps = (kept.rate or 0) * every if goes_on else job.fps
+    size, fit = ((500, 500), cast("Fit", job.fit or "crop")) if rows is None else ((rows, rows), "reduce")
+    return open_video(name, size, fps, first, job.stop, fit, every)
 
 
 def is_live(name: str) -> bool:
     """Whether a source is a camera or a stream, every frame of which passes once."""
     return name.isdigit() or name.startswith("camera:") or "://" in name or Path(name).is_char_device()
-
-
-def is_known_place(name: str) -> bool:
-    """Whether a source that is no scene looks like something that can be opened."""
-    return Path(name).exists() or name.isdigit() or name.startswith("camera:") or "/" in name or "." in name
-
-
-class Limited(FrameSource):
-    """The first seconds of a video, from frame number `begin` on."""
-
-    def __init__(self, source: VideoSource, seconds: float, begin: int = 0) -> None:
-        self.source = source
-        self.name, self.fps, self.size, self.pixel_map = source.name, source.fps, source.size, source.pixel_map
-        frames = begin + max(1, round(seconds * source.fps))
-        self.length = frames if source.length is None else min(frames, source.length)
-
-    @property
-    def full_size(self) -> tuple[int, int]:
-        return self.source.full_size
-
-    @property
-    def decoded(self) -> SourceFrames:
-        return self.source.decoded
-
-    def latest(self) -> Any:
-        return self.source.latest()
-
-    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
-        return self._first(self.source.chunks(frames, start), start)
-
-    def _first(self, chunks: Iterator[Tensor], start: int) -> Iterator[Tensor]:
-        assert self.length is not None
-        left = self.length - start
-        for chunk in chunks:
-            yield chunk[:left]
-            left -= len(chunk)
-            if left <= 0:
-                return
-            self.cuts = self.source.cuts
-        self.cuts, self.silent = self.source.cuts, self.source.silent
 
 
 def check_device(name: str) -> torch.device:
@@ -267,24 +189,3 @@ def check_device(name: str) -> torch.device:
     except (RuntimeError, AssertionError) as error:
         raise InputError(f"device {name!r} cannot be used: {str(error).splitlines()[0]}") from None
     return device
-
-
-def described(folder: Path) -> dict[str, Any]:
-    """The description of an earlier run. Raises `InputError`: no state there, or one that another program wrote."""
-    wrong = f"{folder}/{STATE} was not written by this version of ndtorch bind"
-    try:
-        about = json.loads(read_about(folder / STATE)["run"])
-        return check(about, KeptRun, wrong).model_dump(exclude_unset=True)
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise InputError(str(error) if isinstance(error, InputError) else wrong) from None
-
-
-def check_near(folder: Path, what: str, name: str, again: str) -> None:
-    """Raise `InputError` unless something that a folder names is a file or folder beside that folder or below it.
-
-    A folder may come from anybody: cameras, addresses and files elsewhere are opened if the user names them again.
-    """
-    path = Path(name).resolve()
-    plain = "://" not in name and not name.isdigit() and (path.is_file() or path.is_dir())
-    if not (plain and folder.resolve().parent in path.parents):
-        raise InputError(f"{folder} is a run of the {what} {name}; name it again to open it: {again}")

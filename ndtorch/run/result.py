@@ -1,68 +1,58 @@
-"""What a binding run found and what it keeps for its pictures, in bounded memory."""
+"""What a binding run knows when it ends, and who may look on while it goes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
-from ndtorch.binding import BindingModel, BoundObject, ObjectTable, Verdict
-from ndtorch.run.watchers import Pixels, Watcher
+from ndtorch.binding import BoundObject, ObjectTable, Verdict
 from ndtorch.scenes.base import SAME_PIXELS, PixelMap
 from ndtorch.scenes.video import SourceFrames
 
 Floats = npt.NDArray[np.float32]
+Pixels = npt.NDArray[np.uint8]
 
 
-MAX_DETECTIONS = 200_000
-"""A run keeps closed objects up to this many detections; of a longer run they are the latest."""
+class Picture(NamedTuple):
+    """One frame and what the model makes of it.
 
-
-class ClosedObjects:
-    """The objects that were lost in a run, the latest of them, in bounded memory.
-
-    Args:
-        model: whose states they are taken from.
-        watchers: who gets them at once.
-        numbered: gives objects their numbers.
+    Attributes:
+        time: seconds since the first frame.
+        frame: as the model saw it, `[H, W, 3]` uint8.
+        enhanced: the image of visual attention, of models whose neurons own objects; None of those with tracks.
+        winner: number of the neuron attended to, -1 for none.
+        objects: those in sight, of models with tracks.
     """
 
-    def __init__(
-        self,
-        model: BindingModel,
-        watchers: Sequence[Watcher],
-        numbered: Callable[[Sequence[BoundObject]], list[BoundObject]],
-    ) -> None:
-        self.model, self.watchers, self.numbered, self.earlier = model, watchers, numbered, 0
-        self.tables: list[Any] = []
-        self.detections = 0
+    time: float
+    frame: Pixels
+    enhanced: Pixels | None = None
+    winner: int = -1
+    objects: tuple[BoundObject, ...] = ()
 
-    def take(self, state: Any) -> Any:
-        """Take them out of a state."""
-        things, after = self.model.take_closed(state)
-        if things:
-            self.tell(things)
-            self.tables.append(state.closed)
-            self.detections += len(state.closed.path)
-        while self.detections > MAX_DETECTIONS and len(self.tables) > 1:
-            oldest = self.tables.pop(0)
-            self.detections -= len(oldest.path)
-            self.earlier += len(oldest.number)
-        return after
 
-    def tell(self, things: Sequence[BoundObject]) -> None:
-        """Hand objects to the watchers."""
-        things = self.numbered(things) if self.model.tracks else things
-        for watcher in self.watchers:
-            watcher.objects(things)
+class Watcher:
+    """Somebody who wants to see a run as it goes; `picture` is called from another thread than the rest."""
 
-    def restored(self, state: Any) -> Any:
-        """A state with those that were kept."""
-        return self.model.restore_closed(state, self.tables) if self.tables else state
+    def picture(self, picture: Picture) -> None:
+        """A frame, a few times a second."""
+
+    def objects(self, things: Sequence[BoundObject]) -> None:
+        """Objects that were lost, as they are lost, and at the end of the run all others.
+
+        An object that stays in sight for long comes in parts with the same `track`.
+        """
+
+    def signals(self, signals: Any, weights: Tensor, state: Any) -> None:
+        """The model's signals of one chunk of frames, its weights `[10, 10]` and its state after it."""
+
+    def close(self) -> None:
+        """The run has ended."""
 
 
 class Trace:
@@ -77,36 +67,31 @@ class Trace:
     """
 
     def __init__(self, shape: tuple[int, ...], most: int = 4096) -> None:
-        self.most = most
-        self.stride = 1
-        self._seen = 0
-        self._times: list[float] = []
-        self._samples: list[Floats] = []
-        self.shape = shape
+        self.shape, self.most, self.stride = shape, most, 1
+        self._count = 0
+        self._kept: list[tuple[float, Floats]] = []
 
     def add(self, time: float, sample: Tensor) -> None:
         """Take the sample of that time in seconds, if its turn has come."""
-        if self._seen % self.stride == 0:
-            self._times.append(time)
-            self._samples.append(sample.detach().cpu().numpy().astype(np.float32))
-            if len(self._times) > self.most:
-                self._times, self._samples = self._times[::3], self._samples[::3]
+        if self._count % self.stride == 0:
+            self._kept.append((time, sample.detach().cpu().numpy().astype(np.float32)))
+            if len(self._kept) > self.most:
+                self._kept = self._kept[::3]
                 self.stride *= 3
-        self._seen += 1
+        self._count += 1
 
     @property
     def times(self) -> npt.NDArray[np.float64]:
         """Seconds since the first frame, `[n]`."""
-        return np.array(self._times, dtype=np.float64)
+        return np.array([time for time, _ in self._kept], dtype=np.float64)
 
     @property
     def samples(self) -> Floats:
         """`[n, *shape]`."""
-        return np.array(self._samples, dtype=np.float32).reshape(-1, *self.shape)
+        return np.array([sample for _, sample in self._kept], dtype=np.float32).reshape(-1, *self.shape)
 
 
-@dataclass
-class Moment:
+class Moment(NamedTuple):
     """A frame at which an object was attended to.
 
     Attributes:
@@ -132,7 +117,6 @@ class RunResult:
         model: name of the model.
         size: height and width of the frames that it saw.
         objects, verdict: what was found and what that is worth.
-        confidence: probability that their number is right; None of models that do not say.
         table: the objects of models whose neurons own them; None of models with tracks.
         state: the model's state at the end.
         settle: seconds before learning began.
@@ -153,7 +137,7 @@ class RunResult:
         source_frames: the frames of the source and when they were delivered; None where every frame is one of it.
         masks: of tracks, of models that have them.
         silent: why a camera or stream ended by itself.
-        advice: why nothing was found, or that the camera moves, and what can be done, a line each.
+        confidence: probability that the number of objects is right; None of models that do not say.
     """
 
     source: str
@@ -170,7 +154,7 @@ class RunResult:
     outputs: Trace
     weights: Trace
     final_weights: Floats
-    moments: dict[int, Moment] = field(default_factory=dict)
+    moments: dict[int, Moment]
     interrupted: bool = False
     cuts: tuple[float, ...] = ()
     earlier: int = 0
@@ -182,13 +166,7 @@ class RunResult:
     source_frames: SourceFrames | None = None
     masks: Any = None
     silent: str = ""
-    advice: tuple[str, ...] = ()
     confidence: float | None = None
-
-    @property
-    def has_boxes(self) -> bool:
-        """Whether its objects have boxes."""
-        return any(thing.boxes for thing in self.objects)
 
 
 def over_fields(outputs: Tensor) -> Tensor:

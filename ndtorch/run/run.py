@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import math
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from ndtorch.binding import BindingModel, Verdict
 from ndtorch.errors import InputError
-from ndtorch.run.pictures import Glimpse, PictureMaker
-from ndtorch.run.result import ClosedObjects, RunResult, Trace, one_matrix, over_fields
-from ndtorch.run.watchers import Watcher
+from ndtorch.run.pictures import Objects, PictureMaker
+from ndtorch.run.result import RunResult, Trace, Watcher, one_matrix, over_fields
 from ndtorch.scenes import FrameSource
-from ndtorch.utils.tensors import give_back_freed_memory
-
-TIDY_FRAMES = 500
-"""Memory that runs leave in holes is handed back this often."""
 
 
 def run_model(
@@ -32,6 +26,7 @@ def run_model(
     watchers: Sequence[Watcher] = (),
     report: Callable[[int], None] | None = None,
     device: torch.device | str = "cpu",
+    most: int | None = None,
 ) -> RunResult:
     """Feed a source through a model to its end, or until Ctrl-C, which keeps what was computed so far.
 
@@ -47,6 +42,7 @@ def run_model(
         watchers: who looks on.
         report: called with the number of frames of each chunk.
         device: where the model runs.
+        most: frames to take; None for all.
 
     Raises:
         InputError: a source that yields no frame or only one, or frames that the model refuses.
@@ -57,65 +53,63 @@ def run_model(
     outputs, weights = Trace((10,)), Trace((10, 10))
     cuts: list[float] = []
     frames_seen, now, interrupted, diverged, fresh = 0, 0.0, False, False, state is None
-    maker = PictureMaker(model, every / source.fps, watchers, source.pixel_map)
-    closed = ClosedObjects(model, watchers, maker.numbered)
-    if model.tracks and state is not None:
-        maker.numbered(model.objects(state))
+    maker, kept = PictureMaker(model, source, every / source.fps, watchers), Objects(model, watchers)
+    if state is not None:
+        kept.numbered(model.objects(state))
     began = time.perf_counter()
     try:
-        with torch.inference_mode(), maker:
+        with torch.inference_mode():
             for frames in source.chunks(length, start):
-                frames = frames.to(device)
+                frames = frames[: None if most is None else most - frames_seen].to(device)
                 signals, after = model(frames, state)
                 # The limit on the radius keeps no non-normal weights from blowing up: stop at the last numbers.
                 if state is not None and not torch.isfinite(signals.outputs).all():
                     diverged = True
                     break
-                maker.appeared(signals)
-                state = closed.take(after)
+                state = kept.take(signals, after)
                 frames_seen += len(frames)
-                now = float(signals.time[-1]) if len(signals.time) else now
-                learned = one_matrix(model.weights(state))
-                trace(outputs, weights, signals, learned)
+                learned, times = one_matrix(model.weights(state)), signals.time.tolist()
+                for at, sample in zip(times, over_fields(signals.outputs).cpu(), strict=True):
+                    outputs.add(at, sample)
+                if times:
+                    now = times[-1]
+                    weights.add(now, learned)
                 cuts += signals.time[signals.cut].tolist() if hasattr(signals, "cut") else []
                 for watcher in watchers:
                     watcher.signals(signals, learned, state)
                 # Enhanced images need outputs of this very chunk; tracks do not.
                 due = pictures_per_second > 0 and frames_seen % every == 0
-                if due and (model.tracks or len(signals.time) > 0):
-                    table = None if model.tracks else model.table(state)
-                    large = source.latest() if model.tracks else None
-                    maker.look(Glimpse(now, frames[-1].clone(), signals, state, table, large))
+                if due and (model.tracks or times):
+                    maker.take(now, frames[-1], signals, state, kept)
                 if report is not None:
                     report(len(frames))
-                if frames_seen // TIDY_FRAMES > (frames_seen - len(frames)) // TIDY_FRAMES:
-                    give_back_freed_memory()
+                if most is not None and frames_seen >= most:
+                    break
     except KeyboardInterrupt:
         if state is None:
             raise
         interrupted = True
+    maker.wait()
     if state is None or frames_seen == 0:
         raise InputError(f"{source.name}: no frames from frame {start} on")
     if fresh and frames_seen == 1 and not interrupted:
         raise InputError(f"{source.name}: one frame cannot show motion; a model needs two frames at least")
     with torch.inference_mode():
         verdict: Verdict = "alternating" if diverged else model.verdict(state)
-        confidence = None if diverged else model.confidence(state)
-        closed.tell([] if diverged else model.objects(state))
-        state = closed.restored(state)
-        found = [] if diverged else model.objects(state)
-        table = None if model.tracks else model.table(state)
-        final = one_matrix(model.weights(state)).cpu().float().numpy().astype(np.float32)
-    if model.tracks:
-        found = maker.numbered(found)
-    owners = {thing.index for thing in found}
+        kept.tell([] if diverged else model.objects(state))
+        state = kept.restored(state)
+        objects = [] if diverged else kept.numbered(model.objects(state))
+    cuts = sorted([*cuts, *source.cuts])
+    # A fade is many new scenes.
+    cuts = [now for before, now in itertools.pairwise([-1e9, *cuts]) if now - before > 1.0]
+    owners = {thing.index for thing in objects}
     return RunResult(
         source=source.name,
         model=model.name,
         size=source.size,
-        objects=found,
+        objects=objects,
         verdict=verdict,
-        table=table,
+        table=None if model.tracks else model.table(state),
         state=state,
         settle=model.settle,
         simulated_seconds=frames_seen / source.fps,
@@ -123,11 +117,11 @@ def run_model(
         frames=frames_seen,
         outputs=outputs,
         weights=weights,
-        final_weights=final,
+        final_weights=one_matrix(model.weights(state)).cpu().float().numpy().astype(np.float32),
         moments={k: moment for k, moment in maker.moments.items() if k in owners},
         interrupted=interrupted,
-        earlier=closed.earlier,
-        cuts=tuple(apart(sorted([*cuts, *source.cuts]))),
+        cuts=tuple(cuts),
+        earlier=kept.earlier,
         full_size=source.full_size,
         pixel_map=source.pixel_map,
         fps=source.fps,
@@ -136,19 +130,5 @@ def run_model(
         source_frames=source.decoded,
         masks=next((watcher for watcher in watchers if hasattr(watcher, "find")), None),
         silent=source.silent,
-        confidence=confidence,
+        confidence=None if diverged else model.confidence(state),
     )
-
-
-def apart(times: Sequence[float], least: float = 1.0) -> list[float]:
-    """Times in order, less those that follow the one before within `least` seconds: a fade is many new scenes."""
-    return [now for before, now in zip([-math.inf, *times], times, strict=False) if now - before > least]
-
-
-def trace(outputs: Trace, weights: Trace, signals: Any, learned: Tensor) -> None:
-    """Keep the outputs of a chunk (of many fields, the largest of each neuron) and the weights after it."""
-    times = signals.time.tolist()
-    for at, sample in zip(times, over_fields(signals.outputs).cpu(), strict=True):
-        outputs.add(at, sample)
-    if times:
-        weights.add(times[-1], learned)

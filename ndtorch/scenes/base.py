@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import MOST_PIXELS, as_device, is_finite, is_whole
+from ndtorch.arguments import MOST_PIXELS, is_finite, is_whole
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import keep_freed_memory
 
@@ -177,7 +177,7 @@ class RenderedScene(FrameSource):
         self.fps = float(fps)
         self.size = check_size(size)
         self.length = max(1, round(seconds * fps))
-        self.device = as_device(device)
+        self.device = torch.device(device)
         keep_freed_memory()
 
     @abstractmethod

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
-ENDING = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
-"""Signals that end a command as Ctrl-C does."""
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a command as Ctrl-C does; the first and the last come from a terminal."""
 
 NOTHING_KEPT = "stopped before there was anything to keep"
 """What is said then, where nothing was computed."""
@@ -22,16 +22,13 @@ class Stopped(KeyboardInterrupt):
 
 @contextlib.contextmanager
 def parts_kept(folder: Path, what: str, total: int, finished: Callable[[], int]) -> Iterator[None]:
-    """Ctrl-C inside tells how many parts are kept, where the same command goes on with the others.
+    """Ctrl-C inside raises `Stopped` where some parts are kept, which the same command goes on with.
 
     Args:
         folder: where they are.
         what: their name, as many: "trials".
         total: how many there will be.
         finished: how many there are, asked then.
-
-    Raises:
-        Stopped: Ctrl-C, and there are some.
     """
     try:
         yield
@@ -47,37 +44,29 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
     """Every one of these signals raises KeyboardInterrupt inside: what was computed is kept.
 
     While torch is being imported nothing has been computed, and the process ends at once, with one line: an exception
-    that is raised there may be swallowed, or turned into another by code in C++, or printed with its traceback.
-
-    A signal that is ignored stays ignored, as `nohup` wants it. A handler that somebody else has set stays.
+    that is raised there may be swallowed, or turned into another by code in C++. A signal that is ignored stays
+    ignored, as `nohup` wants it; a handler that somebody else has set stays.
 
     Yields:
-        The number of the first of these signals that came, once it has.
+        The numbers of those that came.
     """
     came: list[int] = []
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         came.append(number)
-        if importing_torch(frame):
-            os.write(2, f"{NOTHING_KEPT}\n".encode())
-            os._exit(128 + number)
+        while frame is not None:
+            if frame.f_code.co_name == "<module>" and frame.f_globals.get("__name__") == "torch":
+                os.write(2, f"{NOTHING_KEPT}\n".encode())
+                os._exit(128 + number)
+            frame = frame.f_back
         raise KeyboardInterrupt
 
     old = {number: signal.getsignal(number) for number in ENDING}
-    ours = [number for number, handler in old.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
-    for number in ours:
+    taken = [number for number, handler in old.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
+    for number in taken:
         signal.signal(number, interrupt)
     try:
         yield came
     finally:
-        for number in ours:
+        for number in taken:
             signal.signal(number, old[number])
-
-
-def importing_torch(frame: FrameType | None) -> bool:
-    """Whether torch is being imported for the first time, somewhere below this frame."""
-    while frame is not None:
-        if frame.f_code.co_name == "<module>" and frame.f_globals.get("__name__") == "torch":
-            return True
-        frame = frame.f_back
-    return False

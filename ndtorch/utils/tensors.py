@@ -20,15 +20,13 @@ def leaves(tree: Any, prefix: str = "") -> dict[str, Tensor]:
 
     The parts of a plain tuple are called by their numbers.
     """
-    if isinstance(tree, Tensor):
-        return {prefix: tree}
-    if isinstance(tree, np.ndarray | np.generic | int | float):
-        return {prefix: torch.as_tensor(tree)}
-    if tree is None:
-        return {}
     flat: dict[str, Tensor] = {}
-    for name, part in parts(tree):
-        flat |= leaves(part, f"{prefix}.{name}" if prefix else name)
+
+    def keep(name: str, tensor: Tensor) -> Tensor:
+        flat[name] = tensor
+        return tensor
+
+    mapped(tree, keep, prefix)
     return flat
 
 
@@ -60,28 +58,14 @@ def parts(tree: Any) -> list[tuple[str, Any]]:
     return list(zip(names, tree, strict=True))
 
 
-# The largest allocation that makes glibc raise its limits; it never raises them beyond 32 MiB.
-LARGEST_STEP = 31 << 20
-
-
 def keep_freed_memory() -> None:
     """Make the C library reuse freed image-sized memory instead of handing it back to the system.
 
     A 500x500 plane takes 1 MB, and fresh memory costs a page fault every 4 KiB, several times the price of a
-    pass over the plane. glibc raises its limits for handing memory back to the size of the largest block
-    freed so far; one block that is never touched is enough. Elsewhere this does nothing. It takes microseconds.
+    pass over the plane. glibc raises its limits for handing memory back to the size of the largest block freed so far,
+    up to 32 MiB; one block that is never touched is enough. Elsewhere this does nothing. It takes microseconds.
     """
-    torch.empty(LARGEST_STEP, dtype=torch.uint8)
-
-
-def give_back_freed_memory() -> None:
-    """Hand all freed memory back to the system, where the C library can.
-
-    Long runs that allocate in two threads leave holes; now and then, this closes them. It takes milliseconds.
-    """
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:
-        trim(0)
+    torch.empty(31 << 20, dtype=torch.uint8)
 
 
 def tune_allocator() -> None:

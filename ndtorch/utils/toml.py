@@ -1,53 +1,43 @@
-"""The one way from TOML files to checked values, with errors of one line that name file and key."""
+"""From tables of files to checked values: pydantic models and plain dataclasses, with errors of one line that name file
+and key."""
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, ValidationInfo, field_validator
 
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.files import read_text
 
 
-def no_truth(table: type[BaseModel], value: Any, info: ValidationInfo) -> Any:
-    """A value as it is; raises `ValueError` for True and False where the field is a number."""
-    if isinstance(value, bool) and table.model_fields[str(info.field_name)].annotation in (int, float):
-        raise ValueError("should be a number")
-    return value
-
-
-_READING: ContextVar[bool] = ContextVar("reading", default=False)
-"""Whether a file is read: then errors of the tables in it name their keys, not their classes."""
-
-
 class Strict(BaseModel):
-    """A table of a file: unknown keys are errors, and so are NaN and infinity."""
+    """A table of a file: unknown keys are errors, and so are NaN, infinity, and true where a number is wanted."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def __init__(self, **data: Any) -> None:
-        if _READING.get():
-            super().__init__(**data)
-            return
         try:
             super().__init__(**data)
         except ValidationError as error:
-            raise InputError(f"{type(self).__name__}: {what_is_wrong(error, type(self))}") from None
+            raise InputError(what_is_wrong(error, type(self))) from None
 
     @field_validator("*", mode="before")
     @classmethod
     def check_no_truth(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse True for a number, of which pydantic makes 1."""
-        return no_truth(cls, value, info)
+        if isinstance(value, bool) and cls.model_fields[str(info.field_name)].annotation in (int, float):
+            raise ValueError("should be a number")
+        return value
 
 
-Table = TypeVar("Table", bound=BaseModel)
+Table = TypeVar("Table")
 
 LONGEST = 200
 """Characters of a value that a message shows."""
@@ -63,18 +53,14 @@ def toml_values(path: Path) -> dict[str, Any]:
         if any(part.count(".") > DOTS for part in re.split(r"[\n,=\[\]{}]", text)):
             raise InputError(f"{path}: not a TOML file that can be read: a key of more than {DOTS} parts")
         return tomllib.loads(text)
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except InputError:
-        raise
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a TOML file: {error}") from None
-    except (RecursionError, ValueError):  # brackets in brackets in brackets; a number of thousands of digits
-        raise InputError(
-            f"{path}: not a TOML file that can be read: it is nested too deep, or a number is too long"
-        ) from None
+    except (RecursionError, ValueError) as error:
+        raise InputError(f"{path}: not a TOML file: {str(error)[:LONGEST]}") from None
 
 
 def read_toml(path: Path, table: type[Table]) -> Table:
@@ -82,18 +68,33 @@ def read_toml(path: Path, table: type[Table]) -> Table:
     return check(toml_values(path), table, str(path))
 
 
-def check(values: Mapping[str, object], table: type[Table], source: str) -> Table:
-    """Values as a model; raises `InputError` for the first that is unusable."""
-    reading = _READING.set(True)
+def check(values: Any, table: type[Table], source: str) -> Table:
+    """Values as a pydantic model or a dataclass; raises `InputError` for the first that is unusable.
+
+    Of a dataclass, types are checked strictly, unknown keys are errors, and what `__post_init__` raises is told.
+    """
     try:
-        return table.model_validate(dict(values), strict=False)
+        if issubclass(table, BaseModel):
+            return table.model_validate(dict(values), strict=False)
+        refuse_unknown(dict(values), table)
+        return TypeAdapter(table).validate_json(json.dumps(dict(values), default=str), strict=True)
     except ValidationError as error:
         raise InputError(f"{source}: {what_is_wrong(error, table)}") from None
-    finally:
-        _READING.reset(reading)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
 
 
-def what_is_wrong(error: ValidationError, table: type[BaseModel]) -> str:
+def refuse_unknown(values: Mapping[str, Any], table: type, prefix: str = "") -> None:
+    """Raise `InputError` for a key that is no field of a dataclass or of one in it."""
+    hints = get_type_hints(table)
+    for key, value in values.items():
+        if key not in hints:
+            raise InputError(f"unknown key {shown(prefix + key)}; {suggestion(key, hints)}")
+        if isinstance(value, Mapping) and dataclasses.is_dataclass(hints[key]):
+            refuse_unknown(value, hints[key], f"{prefix}{key}.")
+
+
+def what_is_wrong(error: ValidationError, table: Any) -> str:
     """The first thing that is wrong: the key, what was given and what is wanted."""
     # A key that is misspelt is also one that is missing: say the former.
     errors = error.errors()
@@ -106,7 +107,8 @@ def what_is_wrong(error: ValidationError, table: type[BaseModel]) -> str:
         return f"{key} is missing"
     inner = first.get("ctx", {}).get("error")
     if key and isinstance(inner, InputError):
-        return f"{key}: {inner}"
+        # A table in a table says itself which of its keys it is.
+        return f"{key}.{inner}" if re.match(r"[\w.]+ (=|is missing)", str(inner)) else f"{key}: {inner}"
     reason = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input ")
     return f"{key} = {shown(first.get('input'))}: {reason}" if key else reason
 

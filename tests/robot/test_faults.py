@@ -15,7 +15,6 @@ import pytest
 from ndtorch_robot.link.messages import Fault
 from tests.robot.support.bench import LIMIT, NEUTRAL, SLACK, Garage, said
 from tests.robot.support.board_needed import needs_board
-from tests.stalls import OTHERS
 
 pytestmark = [needs_board, pytest.mark.slow, pytest.mark.realtime]
 
@@ -170,7 +169,6 @@ def program(folder, *options, **given):
         if run.poll() is None:
             os.kill(run.pid, signal.SIGKILL)
             run.wait()
-        OTHERS.extend(late(log))
 
 
 def test_keys_in_a_terminal_and_sigterm(tmp_path):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
@@ -14,11 +12,10 @@ from torch import Tensor, nn
 
 from ndtorch.binding import BoundObject, ObjectTable
 from ndtorch.errors import InputError
-from ndtorch.run.folder import SETTINGS, RunFolder, place_for, prepare
-from ndtorch.run.options import KNOWN_BY, BindJob, check_options, check_resume, default_model, flag
-from ndtorch.run.pictures import PictureMaker
+from ndtorch.run.folder import SETTINGS, RunFolder, make_writable, place_for
+from ndtorch.run.options import default_model
+from ndtorch.run.result import Picture, Watcher
 from ndtorch.run.run import run_model
-from ndtorch.run.watchers import Picture, Watcher
 from ndtorch.scenes import FrameSource
 
 
@@ -154,65 +151,17 @@ def test_no_frame_and_one_frame_are_refused() -> None:
     assert run_model(StubModel(), Count(6), StubState(torch.tensor(5)), start=5).frames == 1
 
 
-def test_what_is_soon_a_part_of_another_object_has_no_number() -> None:
-    """Objects are numbered from 1 in the order in which they appear, once they have lasted for a second."""
-    maker = PictureMaker(SimpleNamespace(tracks=True), 0.1)
-    for n in range(30):
-        labels = torch.zeros(1, 4, 4, dtype=torch.int32)
-        labels[0, 0, 0] = 7 if n < 8 else 0
-        labels[0, 1, 1] = 5
-        labels[0, 2, 2] = 9 if n > 12 else 0
-        maker.appeared(SimpleNamespace(labels=labels, mask=labels > 0, time=torch.tensor([n / 10])))
-    assert maker.numbers == {4: 1, 8: 2}
-
-
-VALUES: dict[str, Any] = {
-    "rule": "hebbian",
-    "order": "printed",
-    "gamma": 1.0,
-    "settle": 1.0,
-    "first_stage_radius": 0.5,
-    "fit": "stretch",
-}
-
-
 def test_the_default_model_is_that_of_the_kind_of_source() -> None:
     assert default_model("two-bars") == "scale-free"
     for place in ("clip.mp4", "frames", "camera:0", "rtsp://10.0.0.1/stream"):
         assert default_model(place) == "foreground"
 
 
-@pytest.mark.parametrize("option", sorted(KNOWN_BY))
-@pytest.mark.parametrize("model", ["published", "scale-free", "retinotopic", "foreground"])
-def test_a_model_takes_its_own_options_and_names_the_models_of_others(option: str, model: str) -> None:
-    job = BindJob(**{option: VALUES[option]})
-    if model in KNOWN_BY[option]:
-        check_options(job, model)
-        return
-    with pytest.raises(InputError) as error:
-        check_options(job, model)
-    assert str(error.value) == f"{flag(option)} is an option of {', '.join(KNOWN_BY[option])}; the model is {model}"
-
-
-def test_a_resumed_run_keeps_its_model_its_source_and_its_making() -> None:
-    job = BindJob(resume=Path("out/run"))
-    check_resume(job, "clip.mp4", None, "foreground")
-    check_resume(dataclasses.replace(job, source="clip.mp4"), "clip.mp4", "foreground", "foreground")
-    for options, asked, word in (
-        ({"settle": 1.0}, None, "--settle"),
-        ({"fit": "stretch"}, None, "--fit"),
-        ({"source": "other.mp4"}, None, "other.mp4"),
-        ({}, "published", "published"),
-    ):
-        with pytest.raises(InputError, match=word):
-            check_resume(dataclasses.replace(job, **options), "clip.mp4", asked, "foreground")
-
-
-def run(wanted: Path, text: str, whole: bool = True, force: bool = False) -> Path:
+def run(wanted: Path, text: str, force: bool = False) -> Path:
     """A run that leaves one file; gives its folder."""
     folder = RunFolder(wanted, force)
     (folder.work / "objects.json").write_text(text)
-    assert [path.name for path in folder.publish(whole)] == ["objects.json"]
+    assert [path.name for path in folder.publish()] == ["objects.json"]
     return folder.final
 
 
@@ -243,13 +192,6 @@ def test_force_takes_the_folder_and_leaves_other_files(tmp_path: Path) -> None:
     (tmp_path / "bars" / "notes.txt").write_text("mine")
     assert run(tmp_path / "bars", "new", force=True) == tmp_path / "bars"
     assert tree(tmp_path) == {"bars/objects.json": "new", "bars/notes.txt": "mine"}
-
-
-def test_an_interrupted_run_never_replaces_a_finished_one(tmp_path: Path) -> None:
-    run(tmp_path / "bars", "old")
-    assert run(tmp_path / "bars", "part", whole=False, force=True).name == "bars-2"
-    assert tree(tmp_path) == {"bars/objects.json": "old", "bars-2/objects.json": "part"}
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["bars", "bars-2", "objects.json", "objects.json"]
 
 
 def test_the_same_settings_go_on_in_their_folder(tmp_path: Path) -> None:
@@ -287,7 +229,7 @@ def test_where_nothing_can_be_written(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
     for wanted in (blocked, blocked / "bars", Path("/proc/nothing")):
-        for take in (RunFolder, prepare, lambda folder: place_for(folder, {})):
+        for take in (RunFolder, make_writable, lambda folder: place_for(folder, {})):
             with pytest.raises(InputError, match=r"^--out .*cannot write there \(.+\)$"):
                 take(wanted)
     assert tree(tmp_path) == {"file": "in the way"}

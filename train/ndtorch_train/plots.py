@@ -10,9 +10,7 @@ import numpy as np
 from torch import Tensor
 
 from ndtorch.report.page import Shown
-from ndtorch.report.plots.layout import STYLES
-from ndtorch.report.plots.signals import draw_traces
-from ndtorch.report.plots.weights import draw_matrix
+from ndtorch.report.plots import STYLES, draw_matrix, draw_traces
 from ndtorch.utils.files import replacing
 from ndtorch.vision import FEATURES
 

@@ -15,7 +15,6 @@ from torch import Tensor
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
-from ndtorch.navigation.stereo.calibration_files import load_calibration
 
 AngleModel = Literal["atan", "linear"]
 
@@ -103,6 +102,8 @@ class StereoRig:
             InputError: a file that cannot be read or is of none of these kinds; another size than the frames; a
                 baseline that is too long; as `from_projections`.
         """
+        from ndtorch.navigation.stereo.calibration_files import load_calibration  # cv2
+
         found = load_calibration(*paths, width=width, height=height, rescale=rescale, unit_m=unit_m, cameras=cameras)
         if found.size is None:
             raise InputError(f"{paths[0]} does not say how large the images are: give width and height of the frames")

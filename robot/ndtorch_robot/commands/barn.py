@@ -57,7 +57,7 @@ class Barn:
     """Print the totals as one JSON object."""
 
     def run(self) -> int:
-        from ndtorch.report.plots.layout import save
+        from ndtorch.report.plots import save
         from ndtorch.run.folder import place_for
         from ndtorch.utils.files import replacing, write_text
         from ndtorch_robot.barn import AttemptCache, comma_separated, table, totals

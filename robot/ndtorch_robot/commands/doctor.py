@@ -102,15 +102,14 @@ def processor() -> Iterator[Finding]:
 
 def kernels() -> Iterator[Finding]:
     from ndtorch.navigation import controller_names
-    from ndtorch.utils.cache_folder import cache_folder, private_folder
+    from ndtorch.utils.jit import cache_folder, make_private
 
     folder = cache_folder()
-    try:
-        kept = len(list(private_folder(folder).rglob("*.nbc")))
-    except Exception as error:
+    if folder is None or not make_private(folder):
         advice = "give the folder to this user alone (chmod 700), or set XDG_CACHE_HOME to another one"
-        yield Finding("kernel cache", "fails", f"{folder}: {error}: all is compiled at each start", advice)
+        yield Finding("kernel cache", "fails", f"{folder} cannot be used: all is compiled at each start", advice)
     else:
+        kept = len(list(folder.rglob("*.nbc")))
         advice = "" if kept > 50 else "ndtorch doctor --prepare compiles all kernels now instead of at the first start"
         yield Finding("kernel cache", "works", f"{folder}, {kept} functions", advice)
     yield Finding("controllers", "works", ", ".join(controller_names()))

@@ -87,7 +87,7 @@ class Drive:
         except BaseException:
             folder.discard()
             raise
-        files = folder.publish(whole=not result.interrupted)
+        files = folder.publish()
         if self.json:
             print(json.dumps(result.summary))
         else:

@@ -168,7 +168,7 @@ def name_of(config: DriveConfig) -> str:
 
 def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: bool) -> str:
     """All files of an evaluation; returns what to print."""
-    from ndtorch.report.plots.layout import save
+    from ndtorch.report.plots import save
     from ndtorch.utils.files import replacing, write_text
     from ndtorch_robot.evaluation.plots import table_plot
     from ndtorch_robot.evaluation.report import write_evaluation_page

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ndtorch.navigation import REVERSE, TURN, Grid
-from ndtorch.report.plots.layout import DPI, save
+from ndtorch.report.plots import DPI, save
 from ndtorch_robot.drive import Result
 from ndtorch_robot.evaluation.record import Floats, pose_error, range_columns
 from ndtorch_robot.evaluation.table import Row

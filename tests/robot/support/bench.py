@@ -14,7 +14,6 @@ from ndtorch_robot.camera_monitor import MOVING_M_PER_S
 from ndtorch_robot.run import open_car, real_time_priority
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.firmware_host import constants
-from tests.stalls import OTHERS
 
 NEUTRAL, SLACK, STEERING_SLACK = 1500.0, 2.0, 12.0
 FASTEST = 0.5
@@ -145,7 +144,6 @@ def bench(**changes):
         assert not result.too_fast()
     finally:
         for car in made:
-            OTHERS.extend((event.time, event.late) for event in car.cameras.inner.board.events if event.name == "late")
             car.ended.set()
         thread.join(10)
         ordinary_priority()

@@ -10,7 +10,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import train_first_stage
-from ndtorch.report.plots.layout import STYLES
+from ndtorch.report.plots import STYLES
 from ndtorch.scenes import hsl_color, moving_bar, static_bar
 from ndtorch.vision import FEATURES, GROUPS, VisualFeatures
 from ndtorch_train.plots import panels

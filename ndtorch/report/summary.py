@@ -1,4 +1,4 @@
-"""What a run found, for people and for programs."""
+"""What a run found, as plain data and as text."""
 
 from __future__ import annotations
 
@@ -18,13 +18,10 @@ VERDICTS = {
     "static": "static: nothing fluctuates enough to bind features by",
 }
 
-SURE = {
-    "stable": "stable: the number of objects is right with a probability of {:.2f}",
-    "learning": "learning: the number of objects is right with a probability of {:.2f} only",
-}
-"""The same of models that know how likely they are right."""
-
-NOTHING_LEARNED = "learning: no weight has grown far enough yet to make a table of"
+NOTHING_MOVED = (
+    "no region that differed from the background travelled for long enough: the camera must stand still, the "
+    "background takes half a second to learn, and an object must be followed for about a second"
+)
 
 PATH_HZ = 5.0
 """Places written of every object a second."""
@@ -37,7 +34,6 @@ def summary(result: RunResult) -> dict[str, Any]:
         "source": result.source,
         "model": result.model,
         "objects": [record(number, thing, result.size) for number, thing in numbered(result.objects)],
-        "advice": list(result.advice),
         "cuts": [round(time, 3) for time in result.cuts],
         "verdict": result.verdict,
         "confidence": result.confidence,
@@ -56,34 +52,31 @@ def numbered(things: Sequence[BoundObject]) -> list[tuple[int, BoundObject]]:
 
 
 def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, Any]:
-    """One object as plain data; places are row and column as shares of the picture's height and width."""
+    """One object as plain data; places are row and column, boxes top, left, bottom and right, as shares of the
+    picture's height and width."""
+    sure = {} if thing.confidence is None else {"confidence": thing.confidence}
     if thing.place is None or thing.first_seen is None or thing.last_seen is None:
-        sure = {} if thing.confidence is None else {"confidence": thing.confidence}
         return {"neuron": thing.neuron, "features": thing.features, **sure}
-    path: list[list[float]] = []
-    boxes: list[list[float]] = []
-    for n, (time, column, row) in enumerate(thing.path):
-        if not path or time - path[-1][0] >= 1 / PATH_HZ - 1e-6:
-            path.append([round(time, 3), round(row / size[0], 3), round(column / size[1], 3)])
-            if thing.boxes:
-                left, top, right, bottom = thing.boxes[n]
-                sides = (top / size[0], left / size[1], bottom / size[0], right / size[1])
-                boxes.append([round(side, 3) for side in sides])
-    found: dict[str, Any] = {
+    chosen: list[int] = []
+    for n, (time, *_) in enumerate(thing.path):
+        if not chosen or time - thing.path[chosen[-1]][0] >= 1 / PATH_HZ - 1e-6:
+            chosen.append(n)
+    height, width = size
+    path = [thing.path[n] for n in chosen]
+    boxes = [thing.boxes[n] for n in chosen] if thing.boxes else []
+    shares = [[round(y, 3) for y in (b / height, a / width, d / height, c / width)] for a, b, c, d in boxes]
+    return {
         "object": number,
         "color": thing.color,
         "direction": thing.direction,
         "appeared": round(thing.first_seen, 3),
         "disappeared": round(thing.last_seen, 3),
         "neuron": thing.neuron,
-        **({} if thing.confidence is None else {"confidence": thing.confidence}),
+        **sure,
         "features": {name: round(value, 3) for name, value in thing.features.items()},
-        "path": path,
+        "path": [[round(time, 3), round(y / height, 3), round(x / width, 3)] for time, x, y in path],
+        **({"boxes": shares} if shares else {}),
     }
-    if boxes:
-        # Top, left, bottom and right at every place of the path, as shares of the picture.
-        found["boxes"] = boxes
-    return found
 
 
 def in_words(result: RunResult) -> str:
@@ -94,11 +87,17 @@ def in_words(result: RunResult) -> str:
         lines.append(f"{result.earlier} earlier objects are in timeline.jsonl alone")
     if not result.objects:
         lines.append("no objects")
-    lines += [f"note: {line}" for line in result.advice]
     if result.table is not None:
-        if result.objects:
-            lines += ["", *table(result.objects)]
+        heads, rows = features_table(result.objects)
+        if rows:
+            lines += [
+                "",
+                heads[0].ljust(8) + "".join(f"{head:>12}" if head[0] == "c" else f"{head:>7}" for head in heads[1:]),
+            ]
+            lines += [row[0].ljust(8) + "".join(f"{cell or '.':>7}" for cell in row[1:]) for row in rows]
         lines += ["", f"verdict  {verdict_words(result)}"]
+    elif not result.objects:
+        lines.append(f"note: {NOTHING_MOVED}")
     lines += [f"new scene at {time:.1f} s" for time in result.cuts]
     if result.interrupted:
         lines.append(f"stopped early, after {result.simulated_seconds:g} s; what was computed so far is kept")
@@ -108,9 +107,9 @@ def in_words(result: RunResult) -> str:
 def verdict_words(result: RunResult) -> str:
     """What the objects are worth."""
     if result.verdict == "learning" and not result.objects:
-        return NOTHING_LEARNED
-    if result.confidence is not None and result.verdict in SURE:
-        return SURE[result.verdict].format(result.confidence)
+        return "learning: no weight has grown far enough yet to make a table of"
+    if result.confidence is not None and result.verdict in ("stable", "learning"):
+        return f"{result.verdict}: the number of objects is right with a probability of {result.confidence:.2f}"
     return VERDICTS[result.verdict]
 
 
@@ -122,12 +121,12 @@ def words(thing: BoundObject) -> str:
     return f"{thing.first_seen:5.1f} - {thing.last_seen:5.1f} s  {thing.color}, {moving}"
 
 
-def table(things: list[BoundObject]) -> list[str]:
-    """The features of every object, a row each."""
-    sure = [] if any(thing.confidence is None for thing in things) else ["confidence"]
-    lines = ["neuron  " + "".join(f"{name:>7}" for name in FEATURES) + "".join(f"{name:>12}" for name in sure)]
+def features_table(things: Sequence[BoundObject]) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of a table: a row an object, a column a feature, empty where it has none of it."""
+    sure = bool(things) and all(thing.confidence is not None for thing in things)
+    heads = ["neuron", *FEATURES, *["confidence"] * sure]
+    rows = []
     for thing in things:
-        cells = (f"{thing.features[n]:7.2f}" if n in thing.features else f"{'.':>7}" for n in FEATURES)
-        confidence = f"{thing.confidence:12.2f}" if sure else ""
-        lines.append(f"{thing.neuron:8}" + "".join(cells) + confidence)
-    return lines
+        cells = [f"{thing.features[name]:.2f}" if name in thing.features else "" for name in FEATURES]
+        rows.append([thing.neuron, *cells, *[f"{thing.confidence or 0:.2f}"] * sure])
+    return heads, rows
