@@ -104,39 +104,6 @@ def bare(axes: Axes, image: Any, title: str = "") -> None:
     axes.set(xticks=[], yticks=[], title=title)
 
 
-def draw_table(
-    rows: list[dict[str, Any]], folder: Path, name: str, case: str, metrics: Sequence[tuple[str, str]]
-) -> list[Shown]:
-    """A panel for each metric (key and head): a line for each case, a mark for each method, two standard errors.
-
-    Args:
-        rows: of a benchmark.
-        folder: where NAME.png is written.
-        name: of the file.
-        case: key of the case in the rows.
-        metrics: keys and heads.
-    """
-    methods = list(dict.fromkeys(row["method"] for row in rows))
-    cases = list(dict.fromkeys(row[case] for row in rows))
-    height = 1.6 + 0.26 * max(len(cases) * (1 + len(methods) / 8), len(methods), 6)
-    figure, axes = panels(1, len(metrics), 2.5 + 3.5 * len(metrics), height, sharey=True)
-    for one, (key, head) in zip(axes, metrics, strict=True):
-        for n, method in enumerate(methods):
-            mine = [row for row in rows if row["method"] == method and row.get(key) is not None]
-            places = [-cases.index(row[case]) - 0.5 * (n / len(methods) - 0.5) for row in mine]
-            errors = [2 * (row.get(f"{key}_se") or 0.0) for row in mine]
-            values = [row[key] for row in mine]
-            one.errorbar(
-                values, places, xerr=errors, fmt="o", color=PALETTE[n % len(PALETTE)], ms=5, lw=1, label=method
-            )
-        one.set(xlabel=head)
-        one.grid(axis="x", color="0.9")
-    axes[0].set_yticks([-n for n in range(len(cases))], cases)
-    axes[0].legend(fontsize=8)
-    path = save(figure, folder / f"{name}.png")
-    return [Shown(path, "The same as an image", "Lines span two standard errors on either side.")]
-
-
 def draw_reliability(rows: list[dict[str, Any]], folder: Path) -> list[Shown]:
     """Ratio of right answers against confidence; areas grow with the root of the number of answers."""
     figure, (one,) = panels(1, 1, 4, 4)

@@ -20,13 +20,11 @@ class Options:
     """What every benchmark takes."""
 
     out: Path | None = None
-    """Folder to write to (default: out/benchmark/NAME); a run with other options or code writes into NAME-2."""
+    """Folder to write to (default: out/benchmark/NAME)."""
     jobs: int | None = None
     """Processes (default: one for every core this process may use)."""
     fresh: bool = False
-    """Use no result of an earlier run; write into a new folder."""
-    force: bool = False
-    """Write into this folder whatever is in it; files of the same names are replaced."""
+    """Run every task anew."""
     json: bool = False
     """Print the rows of the table as JSON and nothing else."""
     open: bool = False
@@ -43,7 +41,7 @@ class Options:
             raise InputError(f"--jobs must be at least 1, got {jobs}")
         made = self.benchmark()
         out = self.out or Path("out/benchmark") / made.name
-        return made.run(out, jobs, self.fresh, self.force, self._tell).report(self.json, self.open)
+        return made.run(out, jobs, self.fresh, self._tell).report(self.json, self.open)
 
     def _tell(self, words: str) -> None:
         print(words, file=sys.stderr if self.json else sys.stdout, flush=True)
@@ -96,9 +94,9 @@ class ShapeIdentification(Seeded):
     """Score methods that identify a shape of moving dots, among two, as psychophysics of common fate does."""
 
     methods: tuple[str, ...] = ()
-    """Methods to compare: figure-ground, dis and dis-whole-film; none for all."""
+    """Methods to compare: figure-ground and flow; all by default."""
     conditions: tuple[str, ...] = ()
-    """Which of plain, fast, short-lived, sparse, noise and short are drawn; none for all."""
+    """Conditions: plain, fast, short-lived and noise; all by default."""
     films: int = 100
     """Number of films of each condition."""
 

@@ -25,9 +25,8 @@ from ndtorch.errors import InputError
 from ndtorch.loading import model_kind
 from ndtorch.run.opening import CAMERA_MODELS
 from ndtorch.scenes.video import reduced
-from ndtorch.utils.packages import MODELS, need
-from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
-from ndtorch_train.rows import Row
+from ndtorch.utils.packages import need
+from ndtorch_train.benchmark.base import Benchmark, Column, Row, Split, Task, known
 
 Pixels = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
@@ -110,9 +109,8 @@ def foreground_benchmark(methods: Sequence[str], folder: Path, split: Split) -> 
         for clip in clips
         for method in methods
     ]
-    uses = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.foreground", "ndtorch.binding", MODELS)
     title, settings = "Objects in video with ground truth", {"folder": str(folder), "split": split}
-    return Benchmark("foreground", title, NOTE, COLUMNS, tasks, uses, mean_rows, settings=settings)
+    return Benchmark("foreground", title, NOTE, COLUMNS, tasks, mean_rows, settings=settings)
 
 
 def read_clip(folder: Path) -> Clip:

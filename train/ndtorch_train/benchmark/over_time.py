@@ -17,13 +17,11 @@ from torch import Tensor
 import ndtorch
 from ndtorch.binding.learning import settled
 from ndtorch.binding.readout.owners import features_by_group
-from ndtorch.utils.packages import MODELS, code_digest
 from ndtorch.vision import GROUPS
 from ndtorch.vision.temporal import HighPass
 from ndtorch_train.benchmark.bar_scenes import CONDITIONS, SECONDS, Film, Sums, draw_film, first_stage, kept_sums
-from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
+from ndtorch_train.benchmark.base import Benchmark, Column, Row, Split, Task, known
 from ndtorch_train.plots import draw_reliability
-from ndtorch_train.rows import Row
 
 if TYPE_CHECKING:
     from ndtorch.report.page import Shown
@@ -135,11 +133,11 @@ def features_right(found: Tensor, truth: Tensor) -> bool:
 
 def measure(name: str, methods: Sequence[str], split: Split, films: int, folder: Path) -> list[Row]:
     """Rows of all methods on one condition."""
-    code, seconds = code_digest(("ndtorch.vision", "ndtorch.scenes"))[:8], range(FIRST, math.floor(SECONDS) + 1)
+    seconds = range(FIRST, math.floor(SECONDS) + 1)
     answers: dict[str, list[tuple[bool, bool, float | None]]] = {method: [] for method in methods}
     for number in range(films):
         film = draw_film(name, split, number, films)
-        file = f"{list(CONDITIONS).index(name)}-{split}-{films}-{number}-{code}.npz"
+        file = f"{list(CONDITIONS).index(name)}-{split}-{films}-{number}.npz"
         sums = kept_sums(film, folder / "sums" / file)
         for method in methods:
             for second, reading in zip(seconds, METHODS[method](film, sums, seconds), strict=True):
@@ -215,5 +213,4 @@ def over_time_benchmark(methods: Sequence[str], films: Sequence[str], count: int
     )
     tasks = [Task(name, functools.partial(measure, name, tuple(methods), split, count)) for name in films]
     settings = {"split": split, "count": count, "methods": list(methods)}
-    uses = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading", MODELS)
-    return Benchmark("over-time", "Bars over time", note, COLUMNS, tasks, uses, in_all, draw, settings=settings)
+    return Benchmark("over-time", "Bars over time", note, COLUMNS, tasks, in_all, draw, settings=settings)

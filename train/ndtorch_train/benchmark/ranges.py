@@ -23,10 +23,9 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import FeatureParams, MatchParams, StereoRanging, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
 from ndtorch.report.page import Shown
-from ndtorch_train.benchmark.base import Benchmark, Column, Task
+from ndtorch_train.benchmark.base import Benchmark, Column, Row, Task
 from ndtorch_train.benchmark.mot import folders_with
 from ndtorch_train.plots import draw_ranges
-from ndtorch_train.rows import Row
 
 Image = npt.NDArray[np.uint8]
 Disparity = npt.NDArray[np.float32]
@@ -85,7 +84,6 @@ def range_benchmark(place: Path, disparities: tuple[int, int]) -> Benchmark:
         note,
         COLUMNS,
         tasks,
-        ("ndtorch.vision", "ndtorch.navigation"),
         mean_rows,
         shown,
         settings={"disparities": disparities, "pairs": str(place.resolve())},
