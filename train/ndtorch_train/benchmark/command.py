@@ -68,7 +68,8 @@ class OverTime(Seeded):
 
     def benchmark(self) -> Benchmark:
         """The films."""
-        from ndtorch_train.benchmark.over_time import CONDITIONS, over_time_benchmark
+        from ndtorch_train.benchmark.bar_scenes import CONDITIONS
+        from ndtorch_train.benchmark.over_time import over_time_benchmark
 
         return over_time_benchmark(self.methods, self.films or tuple(CONDITIONS), self.count, self.split)
 

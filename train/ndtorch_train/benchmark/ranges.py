@@ -24,7 +24,6 @@ from ndtorch.navigation import FeatureParams, MatchParams, StereoRanging, Stereo
 from ndtorch.navigation.stereo.search import SearchParams
 from ndtorch.report.page import Shown
 from ndtorch_train.benchmark.base import Benchmark, Column, Row, Task
-from ndtorch_train.benchmark.mot import folders_with
 from ndtorch_train.plots import draw_ranges
 
 Image = npt.NDArray[np.uint8]
@@ -167,7 +166,10 @@ class Pair:
 
 def pair_folders(folder: Path) -> list[Path]:
     """The folders that hold a left.png, sorted by name; the folder itself if it does."""
-    return folders_with("left.png", folder, "pairs: expected folders with left.png, right.png and disp*.png or .tif")
+    pairs = [folder] if (folder / "left.png").is_file() else sorted(path.parent for path in folder.glob("*/left.png"))
+    if not pairs:
+        raise InputError(f"{folder} holds no pairs: expected folders with left.png, right.png and disp*.png or .tif")
+    return pairs
 
 
 def read_pair(folder: Path, number: int = 0) -> Pair:

@@ -147,7 +147,7 @@ def flow_mask(frames: Frames) -> Mask:
     _, labels, stats, _ = cv2.connectedComponentsWithStats(above)
     if len(stats) < 2:
         return above > 0
-    return np.asarray(labels == 1 + stats[1:, cv2.CC_STAT_AREA].argmax())
+    return np.asarray(labels) == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
 
 
 METHODS: Mapping[str, Callable[[Frames], Mask]] = {
