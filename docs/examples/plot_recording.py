@@ -33,8 +33,8 @@ assert code == 0
 
 # %%
 # The messages are those of ROS 2: here ``mcap-ros2-support`` decodes them, which knows nothing of this package. Left:
-# the horizon row of the left camera; edges that pass draw slanted lines. Right: the map, the path, and the last scan.
-topics, rows, path = ["/camera/left/row", "/odom", "/scan", "/map"], [], []
+# the horizon row of the left camera; edges that pass draw slanted lines. Right: the path and the last scan.
+topics, rows, path = ["/camera/left/row", "/odom", "/scan"], [], []
 with Path(record).open("rb") as file:
     for _, channel, _, told in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics):
         if channel.topic == "/odom":
@@ -42,23 +42,21 @@ with Path(record).open("rb") as file:
             path.append((pose.position.x, pose.position.y, 2 * np.arctan2(pose.orientation.z, pose.orientation.w)))
         elif channel.topic == "/camera/left/row":
             rows.append(np.frombuffer(bytes(told.data), np.uint8).reshape(-1, 3))
-        elif channel.topic == "/scan":
-            scan = told
         else:
-            grid = told
+            scan = told
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5), layout="constrained")
 left.imshow(np.stack(rows), aspect="auto", extent=(0, len(rows[0]), 15, 0))
 left.set(xlabel="column (pixels)", ylabel="time (s)", title="/camera/left/row")
-x, y, side = grid.info.origin.position.x, grid.info.origin.position.y, grid.info.resolution
-cells = np.array(grid.data).reshape(grid.info.height, grid.info.width)
-extent = (x, x + side * grid.info.width, y, y + side * grid.info.height)
-right.imshow(cells, cmap="Greys", origin="lower", extent=extent, vmin=-50)
 x, y, heading = np.array(path).T
 right.plot(x, y, label="/odom")
 bearing = heading[-1] + scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
 right.plot(x[-1] + scan.ranges * np.cos(bearing), y[-1] + scan.ranges * np.sin(bearing), ".", label="/scan")
 right.set(
-    xlim=(x.min() - 4, x.max() + 4), ylim=(y.min() - 4, y.max() + 4), xlabel="x (m)", title="/map", aspect="equal"
+    xlim=(x.min() - 4, x.max() + 4),
+    ylim=(y.min() - 4, y.max() + 4),
+    xlabel="x (m)",
+    title="/odom and /scan",
+    aspect="equal",
 )
 right.legend()
 plt.show()

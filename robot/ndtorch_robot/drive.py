@@ -27,7 +27,7 @@ from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.map_saving import WalkedPath, runner_ndt_cells
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand, Observer, Step, print_note
-from ndtorch_robot.recording.recorder import Recorder
+from ndtorch_robot.recording import Recorder
 from ndtorch_robot.safety import DriveState, SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.disturbances import read_disturbances

@@ -12,17 +12,18 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid, Pose, Ranges, StereoRig
+from ndtorch.navigation import Grid, Pose, Ranges
 from ndtorch.navigation.mapping.map_files import FREE, OCCUPIED, PIXEL, ros_pixels
 from ndtorch_robot.ports import DriveCommand
 
-MAP, ODOM, BASE, CAMERAS = "map", "odom", "base_link", ("camera_left", "camera_right")
+MAP, ODOM, BASE = "map", "odom", "base_link"
 
 OK, WARN, ERROR = 0, 1, 2
 """Levels of a diagnostic status."""
@@ -64,13 +65,6 @@ def from_cdr(data: bytes, name: str) -> Any:
 def definition(name: str) -> str:
     """The text of a type with all that it contains, as MCAP holds it."""
     return typestore().generate_msgdef(name, ros_version=2)[0]
-
-
-def to_fields(message: Any) -> Any:
-    """A message as dictionaries, lists and arrays, for a transport with classes of its own."""
-    if hasattr(message, "__msgtype__"):
-        return {name: to_fields(value) for name, value in vars(message).items() if name != "__msgtype__"}
-    return [to_fields(part) for part in message] if isinstance(message, list) else message
 
 
 def header(time: float, frame: str) -> Any:
@@ -180,45 +174,43 @@ def image(pixels: torch.Tensor, frame: str, time: float) -> Any:
     return new("sensor_msgs/msg/Image", header(time, frame), *layout, array.reshape(-1))
 
 
-ENCODINGS = {
-    "rgb8": (0, 1, 2),
-    "bgr8": (2, 1, 0),
-    "8UC3": (2, 1, 0),
-    "rgba8": (0, 1, 2, 3),
-    "bgra8": (2, 1, 0, 3),
-    "mono8": (0,),
-    "8UC1": (0,),
-}
-"""Encodings of images that are read, and where in a pixel red, green and blue stand."""
-
-
 def image_pixels(message: Any) -> torch.Tensor:
-    """Pixels `[1, C, H, W]` uint8, C = 3 (RGB) or 1, of a `sensor_msgs/Image`."""
-    order = ENCODINGS.get(message.encoding)
-    if order is None:
+    """Pixels `[1, C, H, W]` uint8, C = 3 (RGB) or 1, of a `sensor_msgs/Image`; mosaics, YUV and 16 bits are converted.
+
+    Raises:
+        InputError: an encoding that is not read, or a size that does not fit the data.
+    """
+    if message.encoding not in ENCODINGS:
         raise InputError(f"images of encoding {message.encoding!r} are not read; {', '.join(ENCODINGS)} are")
-    height, width, step, data = message.height, message.width, message.step, message.data
-    row = width * len(order)
+    channels, code = ENCODINGS[message.encoding]
+    height, width, step, data = message.height, message.width, message.step, np.asarray(message.data)
+    row = width * channels
     if not 0 < row <= step or height < 1 or len(data) < height * step:
         raise InputError(f"an image of {width}x{height} {message.encoding} cannot have {len(data)} bytes")
-    array = np.asarray(data)[: height * step].reshape(height, step)[:, :row].reshape(height, width, len(order))
-    if order[:3] != (0, 1, 2)[: len(order[:3])] or len(order) == 4:
-        array = array[..., list(order[:3])]
+    array = data[: height * step].reshape(height, step)[:, :row].reshape(height, width, channels)
+    if message.encoding == "mono16":
+        array = array[..., :1] if message.is_bigendian else array[..., 1:]
+    elif code is not None:
+        array = np.asarray(cv2.cvtColor(np.ascontiguousarray(array), code), np.uint8)
     return torch.from_numpy(np.array(array)).permute(2, 0, 1)[None]
 
 
-def compressed_image(data: bytes, kind: str, frame: str, time: float) -> Any:
-    """`sensor_msgs/CompressedImage` of the bytes of a file of `kind` "png" or "jpeg"."""
-    return new("sensor_msgs/msg/CompressedImage", header(time, frame), kind, np.frombuffer(data, np.uint8))
-
-
-def camera_infos(rig: StereoRig, time: float = 0.0) -> tuple[Any, Any]:
-    """`sensor_msgs/CameraInfo` of the rectified pair; `StereoRig.from_projections` makes the rig of both `p` again."""
-    found, (cx, cy), f = [], rig.center, rig.focal
-    for side, frame in enumerate(CAMERAS):
-        p = np.array([f, 0, cx, -f * rig.baseline * side, 0, f, cy, 0, 0, 0, 1, 0], np.float64)
-        matrices = np.delete(p.reshape(3, 4), 3, 1).reshape(-1), np.eye(3).reshape(-1), p
-        region = new("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
-        shape = rig.height, rig.width, "plumb_bob", np.zeros(5)
-        found.append(new("sensor_msgs/msg/CameraInfo", header(time, frame), *shape, *matrices, 0, 0, region))
-    return found[0], found[1]
+ENCODINGS = {
+    "rgb8": (3, None),
+    "bgr8": (3, cv2.COLOR_BGR2RGB),
+    "8UC3": (3, cv2.COLOR_BGR2RGB),
+    "rgba8": (4, cv2.COLOR_RGBA2RGB),
+    "bgra8": (4, cv2.COLOR_BGRA2RGB),
+    "mono8": (1, None),
+    "8UC1": (1, None),
+    "mono16": (2, None),
+    "bayer_rggb8": (1, cv2.COLOR_BayerBG2RGB),
+    "bayer_bggr8": (1, cv2.COLOR_BayerRG2RGB),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGR2RGB),
+    "bayer_grbg8": (1, cv2.COLOR_BayerGB2RGB),
+    "yuv422": (2, cv2.COLOR_YUV2RGB_UYVY),
+    "uyvy": (2, cv2.COLOR_YUV2RGB_UYVY),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUY2),
+    "yuyv": (2, cv2.COLOR_YUV2RGB_YUY2),
+}
+"""Encodings of images that are read: bytes of a pixel, and conversion of OpenCV to red, green, blue."""

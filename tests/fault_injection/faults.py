@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch_robot.ports import Step
-from ndtorch_robot.recording.reading import open_recording
-from ndtorch_robot.recording.recorder import Recorder
+from ndtorch_robot.recording import Recorder, open_recording
 from ndtorch_robot.sim.stepped_world import Cable, SteppedWorld, good_cable
 
 STOP_DEADLINE = 0.25
@@ -193,7 +192,7 @@ class RecordingCheck:
         """Close the recording; returns what is wrong with it, or None.
 
         A full disk must have been reported, and all earlier steps must be readable. On a slow disk steps may be
-        without frames, or missing, but each must be counted.
+        missing, but each must be counted.
         """
         recorder, fault = self.recorder, self.recorder.fault
         recorder.fault = None

@@ -29,56 +29,48 @@ class Replay:
     """Drive a recording again and compare the commands.
 
     The same program runs on the recorded frames and odometry, and must want the same to the bit, or the exit code is 1.
-    A recording that was cut short or is damaged is replayed as far as it can be; it is said what was not, and the exit
-    code is 3.
+    A recording that was cut short or is damaged is replayed as far as it can be, with exit code 3.
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """This recording is replayed, NAME.mcap."""
+    """Recording, NAME.mcap."""
     rrd: Path | None = None
-    """The replay is also written into this file for the rerun viewer."""
+    """File of the rerun viewer for the replay."""
     view: bool = False
-    """The rerun viewer shows the replay; it listens at 127.0.0.1 only."""
+    """Show the replay in the rerun viewer, which listens at 127.0.0.1 only."""
     view_at: str | None = None
-    """The replay is served at this ADDRESS or ADDRESS:PORT until Ctrl-C, for `rerun rerun+http://ADDRESS:9876/proxy`."""
+    """ADDRESS or ADDRESS:PORT at which the replay is served until Ctrl-C, for `rerun rerun+http://ADDRESS:9876/proxy`."""
     json: bool = False
-    """The result is printed as one JSON object, and nothing else is."""
+    """Print the result as one JSON object and nothing else."""
 
     def run(self) -> int:
         import torch
 
-        from ndtorch_robot.recording import open_recording
+        from ndtorch_robot.recording import make_runner, open_recording, replay
 
         torch.set_num_threads(1)
         recording = open_recording(self.file)
-        comparison = self.shown(recording) if self.rrd or self.view or self.view_at else self.plain(recording)
-        result = asdict(comparison) | {
-            "complete": recording.complete,
-            "missing": recording.missing,
-            "damaged": recording.damaged,
-            "trouble": recording.trouble,
-        }
-        if self.json:
-            print(json.dumps(result))
+        if self.rrd or self.view or self.view_at:
+            comparison = self.shown(recording)
         else:
-            print(describe(recording, result))
+            comparison = replay(recording, make_runner(recording.configuration))
+        names = ("complete", "missing", "damaged")
+        result = asdict(comparison) | {name: getattr(recording, name) for name in names}
+        print(json.dumps(result) if self.json else describe(recording, result))
         if self.view_at:
-            self.serve()
+            print(f"served at {self.view_at} until Ctrl-C", file=sys.stderr)
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.pause()
         if self.rrd is not None:
             from ndtorch.report.recording import why_not_whole
 
             half = why_not_whole(self.rrd)
             if half is not None:
                 raise InputError(half)
-        gaps = bool(comparison.skipped or recording.missing or recording.damaged)
+        gaps = bool(recording.missing or recording.damaged)
         if not gaps and comparison.same < comparison.steps:
             return DIFFERENT
         return NOT_ALL if gaps or not recording.complete or not comparison.steps else 0
-
-    def plain(self, recording: Recording) -> Comparison:
-        from ndtorch_robot.recording import make_runner, replay
-
-        return replay(recording, make_runner(recording.configuration))
 
     def shown(self, recording: Recording) -> Comparison:
         from ndtorch_robot.ports import print_note
@@ -88,7 +80,6 @@ class Replay:
         runner = make_runner(recording.configuration, mapping=True)
         where = Where(self.rrd, self.view, self.view_at)
         stream = open_stream(f"replay {self.file.stem}", where, layout())
-
         view = start_view(stream, runner, print_note, wait=True)
         observer = ViewSteps(view, "replay")
         try:
@@ -96,23 +87,13 @@ class Replay:
         finally:
             view.close()
 
-    def serve(self) -> None:
-        """Leave the server to viewers until Ctrl-C."""
-        print(f"served at {self.view_at} until Ctrl-C", file=sys.stderr)
-        with contextlib.suppress(KeyboardInterrupt):
-            signal.pause()
-
 
 def describe(recording: Recording, r: dict[str, Any]) -> str:
     lines = [f"{r['steps']} steps of {recording.path} replayed"]
     if not r["complete"]:
-        lines.append("  the recording was cut short" + (f": {r['trouble']}" if r["trouble"] else ""))
-    if r["damaged"]:
-        lines.append(f"  {r['damaged']} chunks or steps are damaged and were left out: {r['trouble']}")
-    if r["skipped"] or r["missing"]:
-        lines.append(
-            f"  {r['skipped']} steps without frames and {r['missing']} lost ones: the navigator saw other things"
-        )
+        lines.append("  the recording was cut short: its end was not written")
+    if r["damaged"] or r["missing"]:
+        lines.append(f"  {r['damaged']} chunks or steps are damaged and {r['missing']} missing: the navigator saw less")
     if not r["steps"]:
         lines.append("  nothing was compared")
     elif r["same"] == r["steps"]:

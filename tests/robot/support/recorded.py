@@ -1,7 +1,8 @@
-"""Small recordings of drawn steps, and recordings written anew with other content."""
+"""Small recordings of random steps, recordings written anew with other content, and messages of a stereo camera."""
 
 import json
 
+import numpy as np
 import torch
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -33,7 +34,7 @@ def step(n, seen=None, **changed):
 
 
 def write(path, count=5, strips=False, channels=3, **options):
-    with Recorder(path, **options) as recorder:
+    with Recorder(path, **({"when_full": "wait"} | options)) as recorder:
         for n in range(count):
             recorder(step(n, frames(n, strips, channels)))
     return recorder
@@ -78,3 +79,15 @@ def edited(data, change):
     """The message of a step with other values."""
     values = json.loads(ros.from_cdr(data, "std_msgs/msg/String").data)
     return ros.to_cdr(ros.new("std_msgs/msg/String", json.dumps(change(values))))
+
+
+def camera_infos(rig, distortion=(0.0,) * 5):
+    """`sensor_msgs/CameraInfo` of both cameras of a rig."""
+    (cx, cy), f, infos = rig.center, rig.focal, []
+    for side in (0, 1):
+        p = np.array([f, 0, cx, -f * rig.baseline * side, 0, f, cy, 0, 0, 0, 1, 0], np.float64)
+        matrices = np.delete(p.reshape(3, 4), 3, 1).reshape(-1), np.eye(3).reshape(-1), p
+        region = ros.new("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
+        shape = rig.height, rig.width, "plumb_bob", np.array(distortion)
+        infos.append(ros.new("sensor_msgs/msg/CameraInfo", ros.header(0.0, "camera"), *shape, *matrices, 0, 0, region))
+    return infos

@@ -1,0 +1,428 @@
+"""Recording a drive as an MCAP file of ROS 2 messages, and replaying it; docs/file-formats.md has the format."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import queue
+import shutil
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+from typing import Any, Literal, NamedTuple, cast
+from zlib import crc32
+
+import torch
+import zstandard
+from mcap.records import Channel, Chunk, Message, Metadata
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import Writer
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Body, Grid, Pose, Ranges, StereoRig, Strips, cut_strips
+from ndtorch.navigation.options import options_of
+from ndtorch.utils.files import open_regular
+from ndtorch_robot import ros_messages as ros
+from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.obstacles import seen_obstacles
+from ndtorch_robot.ports import Closing, DriveCommand, Observer, Placed, Report, Step, StereoFrames
+
+VERSION = "3"
+
+HEADER, END, STEP = "ndtorch", "ndtorch end", "/ndtorch/step"
+"""Names of the metadata records at both ends of a recording, and topic of what replay needs beside the images."""
+
+TYPES = (
+    *("std_msgs/msg/String", "sensor_msgs/msg/Image", "sensor_msgs/msg/LaserScan"),
+    *("nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistStamped"),
+)
+
+FLUSH_S = 0.5
+"""Duration of a chunk, which is written and forced onto the disk at its end: a cut file loses no more."""
+
+RESERVE = 100_000_000
+"""Bytes to leave free on the disk, since a full one makes a computer fall over."""
+
+MAX_BYTES, MAX_CHUNK_BYTES = 2**42, 2**29
+"""Most bytes of a recording, and of a record and what is compressed in it."""
+
+MAP_HALF_M = 10.0
+"""Distance from the start to the sides of the map of a car that made none."""
+
+
+class Waiting(NamedTuple):
+    """A step on its way to the disk, with its images by topic, and ranges and pose where the navigator gave some."""
+
+    step: Step
+    images: dict[str, Tensor]
+    ranges: Ranges | None
+    pose: Pose | None
+
+
+class Recorder(Closing):
+    """An observer that records every step into a new file, in its own thread.
+
+    Of whole frames the strips that the navigator reads are kept, lossless. It never waits, and never raises for the
+    disk: a step that finds the queue full is dropped and counted. When the disk fails, recording ends, `failed` says
+    why, and driving goes on.
+
+    Args:
+        path: a new file, `NAME.mcap`.
+        runner: what is recorded; None for frames alone, which are then kept whole.
+        size: steps that may wait.
+        when_full: `"drop"`, or `"wait"` for a simulation, whose time stands still meanwhile.
+        report: called with one line when recording ends before it should.
+        reserve: bytes to leave free on the disk.
+
+    Attributes:
+        steps, dropped: number of steps written, and of those lost.
+        failed: why recording has ended, or nothing.
+
+    Raises:
+        InputError: a file that exists already or cannot be made, or of another suffix.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        runner: NavigatorRunner | None = None,
+        *,
+        size: int = 60,
+        when_full: Literal["drop", "wait"] = "drop",
+        report: Report | None = None,
+        reserve: int = RESERVE,
+    ) -> None:
+        self.path, self.runner, self.when_full, self.report = Path(path), runner, when_full, report
+        self.reserve, self.steps, self.dropped, self.kept, self.number, self.failed = reserve, 0, 0, 0, 0, ""
+        self.queue: queue.Queue[Waiting | None] = queue.Queue(size)
+        self.channels: dict[str, int] = {}
+        if self.path.suffix != ".mcap":
+            raise InputError(f"a recording is a file NAME.mcap, got {path}")
+        configuration = json.dumps({} if runner is None else runner.configuration())
+        ros.load_types(*TYPES)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.file = self.path.open("xb")
+            self.writer: Any = Writer(self.file, chunk_size=MAX_CHUNK_BYTES // 8)
+            self.writer.start(profile="ros2", library="ndtorch")
+            crc = f"{crc32(configuration.encode()):08x}"
+            self.writer.add_metadata(HEADER, {"version": VERSION, "configuration": configuration, "crc": crc})
+            self.file.flush()
+        except FileExistsError:
+            raise InputError(f"{path} exists already: choose another name") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot record into this file ({error.strerror})") from None
+        self.thread = threading.Thread(target=self.run, name="recorder", daemon=True)
+        self.thread.start()
+
+    def __call__(self, step: Step) -> None:
+        """Put one step into the queue."""
+        images, ranges, pose = self.images(step.frames), None, None
+        if step.state is not None:
+            # Taken here: the loop goes on to change the grid.
+            pose, ranges = step.state.pose, step.state.ranges
+            if self.runner is not None:
+                ranges = seen_obstacles(step.state, self.runner.navigator)
+        waiting = Waiting(step._replace(number=self.number, state=None), images, ranges, pose)
+        self.number += 1
+        try:
+            if self.failed or not self.thread.is_alive():
+                raise queue.Full
+            self.queue.put(waiting, block=self.when_full == "wait")
+        except queue.Full:
+            self.dropped += 1
+
+    def images(self, frames: StereoFrames | None) -> dict[str, Tensor]:
+        """What is kept of frames, by topic: the strips, or whole images of a size that no runner reads."""
+        found: dict[str, Tensor] = {}
+        for k, image in enumerate(() if frames is None else frames[:2]):
+            side, runner = ("left", "right")[k], self.runner
+            if runner and isinstance(image, Tensor) and image.shape[-2:] == (runner.rig.height, runner.rig.width):
+                image = cut_strips(image, runner.fields[k], runner.rig)
+            parts = image._asdict() if isinstance(image, Strips) else {"image": image}
+            found |= {f"/camera/{side}/{name}": part.clone() for name, part in parts.items()}
+        for image in found.values():
+            if image.dtype != torch.uint8 or image.ndim != 4 or image.shape[:2] not in ((1, 1), (1, 3)):
+                kind = f"{image.dtype} {tuple(image.shape)}"
+                raise InputError(f"only single uint8 frames [1, C, H, W] with C = 1 or 3 are recorded, got {kind}")
+        return found
+
+    def run(self) -> None:
+        """The thread: write until closed; after a failure only count what is lost."""
+        flushed, open_ = monotonic(), True
+        while open_:
+            waiting: Waiting | None = None
+            with contextlib.suppress(queue.Empty):
+                waiting = self.queue.get(timeout=FLUSH_S)
+                open_ = waiting is not None
+            try:
+                if self.failed:
+                    self.dropped += waiting is not None
+                    continue
+                if waiting is not None:
+                    self.write(waiting)
+                if monotonic() - flushed >= FLUSH_S or not open_:
+                    self.flush()
+                    flushed = monotonic()
+                if not open_:
+                    self.writer.add_metadata(END, {"given": str(self.number), "steps": str(self.steps)})
+                    self.writer.finish()
+                    self.file.close()
+            except Exception as error:  # whatever it is, driving goes on
+                reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+                self.dropped += self.steps - self.kept + (self.steps == self.kept and waiting is not None)
+                self.steps = self.kept
+                self.failed = f"recording to {self.path} has stopped after {self.steps} steps: {reason}"
+                with contextlib.suppress(OSError, ValueError):
+                    self.file.close()
+                if self.report is not None:
+                    self.report(self.failed)
+
+    def write(self, waiting: Waiting) -> None:
+        """One step: its messages, and then the one that says what belongs to it."""
+        step, images, ranges, pose = waiting
+        self.steps += 1
+        values = step._asdict() | {"telemetry": dict(step.telemetry), "images": list(images)}
+        frames = values.pop("frames")
+        values["taken"] = None if frames is None else frames.time
+        messages = {topic: ros.image(image, topic.split("/")[2], step.time) for topic, image in images.items()}
+        if ranges is not None and pose is not None:
+            messages |= {"/scan": ros.laser_scan(ranges, step.time)}
+            messages |= {"/odom": ros.odometry(pose, step.driven, step.time)}
+        messages["/cmd_vel"] = ros.twist_stamped(step.sent, step.time)
+        messages[STEP] = ros.new("std_msgs/msg/String", json.dumps(values, default=str))
+        when = max(0, round(step.time * 1e9))
+        for topic, message in messages.items():
+            if topic not in self.channels:
+                name = message.__msgtype__
+                schema = self.writer.register_schema(name, "ros2msg", ros.definition(name).encode())
+                self.channels[topic] = self.writer.register_channel(topic, "cdr", schema)
+            self.writer.add_message(self.channels[topic], when, ros.to_cdr(message), when, step.number)
+
+    def flush(self) -> None:
+        """End the chunk, force it onto the disk, and check whether there is room for more."""
+        self.writer.flush()
+        os.fsync(self.file.fileno())
+        self.kept = self.steps
+        if shutil.disk_usage(self.path.parent).free < self.reserve:
+            raise OSError(f"the disk is full: less than {self.reserve / 1e6:.0f} MB are left")
+
+    def close(self) -> None:
+        """Write what is left, and the record that says that nothing is missing. Calling it again does nothing."""
+        if self.thread.is_alive():
+            self.queue.put(None)
+            self.thread.join()
+
+    def summary(self) -> dict[str, Any]:
+        size = self.path.stat().st_size if self.path.exists() else 0
+        counts = {"steps": self.steps, "dropped": self.dropped, "megabytes": round(size / 1e6, 3)}
+        return {"file": str(self.path), **counts, "failed": self.failed}
+
+
+@dataclass
+class Recording:
+    """A recording on the disk.
+
+    Attributes:
+        configuration: of `NavigatorRunner`.
+        complete: whether its end says that the recording was closed; known after reading.
+        missing: number of steps that are not there; known after reading.
+        damaged: number of chunks and steps that are not as they were written; known after reading.
+    """
+
+    path: Path
+    configuration: dict[str, Any]
+    complete: bool = False
+    missing: int = 0
+    damaged: int = 0
+
+    def steps(self) -> Iterator[Step]:
+        """All steps but those that are damaged or not wholly there, without the state of the navigator.
+
+        They are numbered from 0; of whole frames there are the strips that were read, and `frames` is None where there
+        were none.
+        """
+        self.complete, self.missing, self.damaged, expected = False, 0, 0, 0
+        topics: dict[int, str] = {}
+        images: dict[str, Message] = {}
+        with opened(self.path) as records:
+            for record in records:
+                if isinstance(record, Metadata) and record.name == END:
+                    self.complete = True
+                    with contextlib.suppress(KeyError, ValueError):
+                        self.missing += max(0, int(record.metadata["given"]) - expected)
+                if not isinstance(record, Chunk):
+                    continue
+                try:
+                    inner = chunk_records(record)
+                except Exception:  # whatever a damaged chunk does to the packages that read it
+                    self.damaged += 1
+                    continue
+                for part in inner:
+                    if isinstance(part, Channel):
+                        topics[part.id] = part.topic
+                    elif isinstance(part, Message) and topics.get(part.channel_id) != STEP:
+                        images[topics.get(part.channel_id, "")] = part
+                    elif isinstance(part, Message):
+                        try:
+                            step = step_of(part, images)
+                        except Exception:  # whatever a message of wrong content does to the packages that read it
+                            self.damaged += 1
+                            continue
+                        self.missing += max(0, step.number - expected)
+                        expected = step.number + 1
+                        yield step
+
+
+def step_of(message: Message, images: dict[str, Message]) -> Step:
+    """A message as a step, with its images; raises anything for one that cannot be used."""
+    values = json.loads(ros.from_cdr(message.data, "std_msgs/msg/String").data)
+    driven, wanted, sent = (DriveCommand(*finite(values[key], 2)) for key in ("driven", "wanted", "sent"))
+    placed = None if values["placed"] is None else cast("Placed", tuple(finite(values["placed"], 3)))
+    standing, number = values["standing"], int(values["number"])
+    if not isinstance(standing, str | None) or number != message.sequence:
+        raise ValueError("not a step")
+    (time,), frames = finite([values["time"]], 1), None
+    if values["images"]:
+        pair = []
+        for side in ("left", "right"):
+            parts = []
+            for name in ("image",) if f"/camera/{side}/image" in values["images"] else ("field", "row"):
+                image = images[f"/camera/{side}/{name}"]
+                if image.sequence != number:
+                    raise ValueError("an image is not there")
+                parts.append(ros.image_pixels(ros.from_cdr(image.data, "sensor_msgs/msg/Image")))
+            pair.append(parts[0] if len(parts) == 1 else Strips(*parts))
+        frames = StereoFrames(pair[0], pair[1], *finite([values["taken"]], 1))
+    used, restarted, telemetry = bool(values["used"]), bool(values["restarted"]), dict(values["telemetry"])
+    return Step(number, time, frames, driven, wanted, sent, None, standing, used, restarted, placed, telemetry)
+
+
+def finite(values: Any, count: int) -> list[float]:
+    numbers = [float(value) for value in values if isinstance(value, int | float) and math.isfinite(value)]
+    if len(numbers) != count or len(values) != count:
+        raise ValueError(f"expected {count} numbers, got {values}")
+    return numbers
+
+
+def chunk_records(chunk: Chunk) -> list[Any]:
+    """The records of a chunk; raises anything for one that is damaged, or larger than it says."""
+    if chunk.compression not in ("", "zstd") or chunk.uncompressed_size > MAX_CHUNK_BYTES:
+        raise ValueError("an unknown compression or size")
+    if chunk.compression and zstandard.get_frame_parameters(chunk.data).content_size != chunk.uncompressed_size:
+        raise ValueError("a size that does not fit")
+    return breakup_chunk(chunk, validate_crc=True)
+
+
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[Iterator[Any]]:
+    """The records of a file of MCAP up to the last whole one."""
+
+    def records(reader: StreamReader) -> Iterator[Any]:
+        with contextlib.suppress(Exception):  # whatever the end of a cut file does to the package that reads it
+            yield from reader.records
+
+    try:
+        with open_regular(path, MAX_BYTES) as file:
+            yield records(StreamReader(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def open_recording(path: str | Path) -> Recording:
+    """Open a recording.
+
+    Raises:
+        InputError: what is none, or one of another version.
+    """
+    with opened(Path(path)) as records:
+        header = next((record for record in records if isinstance(record, Metadata | Chunk)), None)
+    if not isinstance(header, Metadata) or header.name != HEADER:
+        raise InputError(f"{path}: not a recording of ndtorch; `ndtorch import` reads those of others")
+    version, text = header.metadata.get("version"), header.metadata.get("configuration", "")
+    if version != VERSION:
+        raise InputError(f"{path}: version {version}, this program reads version {VERSION}")
+    try:
+        configuration = json.loads(text)
+    except ValueError:
+        configuration = None
+    if header.metadata.get("crc") != f"{crc32(text.encode()):08x}" or not isinstance(configuration, dict):
+        raise InputError(f"{path}: damaged, its checksum does not fit")
+    return Recording(Path(path), configuration)
+
+
+def make_runner(configuration: dict[str, Any], mapping: bool = False) -> NavigatorRunner:
+    """The runner of a recording.
+
+    Args:
+        mapping: make a map as well, as large as the car's own, or `MAP_HALF_M` to all sides where it made none.
+
+    Raises:
+        InputError: a configuration of something else than a navigator, or with unusable values.
+    """
+    try:
+        options, rig = options_of(configuration), StereoRig(**configuration["rig"])
+        sides = configuration["map_m"] or (-MAP_HALF_M, MAP_HALF_M, -MAP_HALF_M, MAP_HALF_M)
+        grid = Grid(*map(float, sides)) if mapping else None
+        rate, near, body = configuration["rate_hz"], configuration["near_check"], Body(**configuration.get("body", {}))
+        return NavigatorRunner(options, rig, float(rate), grid, bool(near), body)
+    except InputError:
+        raise
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"the recording's configuration cannot be used: {type(error).__name__} {error}") from None
+
+
+@dataclass
+class Comparison:
+    """How a replay compares with what was recorded.
+
+    Attributes:
+        steps: number of steps replayed.
+        same: number of them with the same command to the bit.
+        first_different: number of the first other one.
+        speed_difference, curvature_difference: largest, m/s and 1/m.
+    """
+
+    steps: int = 0
+    same: int = 0
+    first_different: int | None = None
+    speed_difference: float = 0.0
+    curvature_difference: float = 0.0
+
+
+def replay(
+    recording: Recording, runner: NavigatorRunner, observers: Iterable[Observer] = (), report: Report | None = None
+) -> Comparison:
+    """Run a runner on a recording and compare its commands.
+
+    Args:
+        observers: called after every step; `wanted` and `state` are of now, `sent` and `standing` are of then.
+        report: called with one line when the car stopped and went on, and for the first command that differs.
+    """
+    result, standing, say = Comparison(), None, report or cast("Callable[[str], None]", lambda line: None)
+    with torch.inference_mode():
+        for step in recording.steps():
+            if step.standing != standing:
+                say(f"resumed after: {standing}" if step.standing is None else f"stopped: {step.standing}")
+                standing = step.standing
+            if not step.used or step.frames is None:
+                runner.roll(step.driven)
+            else:
+                wanted = runner.step(step.frames, step.driven, step.placed, step.restarted)
+                result.steps += 1
+                result.same += wanted == step.wanted
+                if wanted != step.wanted and result.first_different is None:
+                    result.first_different = step.number
+                    say(f"step {step.number}: the replay wants something else than was recorded")
+                speed, curvature = (abs(a - b) for a, b in zip(wanted, step.wanted, strict=True))
+                result.speed_difference = max(result.speed_difference, speed)
+                result.curvature_difference = max(result.curvature_difference, curvature)
+                step = step._replace(wanted=wanted, state=runner.state)
+            for observer in observers:
+                observer(step)
+    return result

@@ -1,0 +1,245 @@
+"""Bags of others, written by `rosbags`, and messages read by `mcap-ros2-support`: the navigator sees what they show."""
+
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from ndtorch.cli.commands import main
+from ndtorch.errors import InputError
+from ndtorch.navigation import Body, Grid, Pose, StereoRig, cut_strips
+from ndtorch_robot import ros_messages as ros
+from ndtorch_robot.bags import StereoBag, find_topics, motion
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.recording import make_runner, open_recording
+from tests.robot.support.cars import moving_world
+from tests.robot.support.recorded import camera_infos
+
+SMALL_RIG = StereoRig(width=160, height=120, focal=107.0, baseline=0.12)
+DRIVEN, RATE, START = DriveCommand(0.4, 0.5), 20.0, 1.7e9
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+
+
+def images(frames, n, kind):
+    for side, eye in zip(("left", "right"), frames[:2], strict=True):
+        time, topic = START + n / RATE + (0.002 if side == "right" else 0.0), f"/stereo/{side}/image_rect_color"
+        message = ros.image(eye, side, time)
+        if kind == "raw":
+            message.encoding, message.data = "bgr8", message.data.reshape(-1, 3)[:, ::-1].reshape(-1)
+            yield topic, message
+        else:
+            data = cv2.imencode(".png", cv2.cvtColor(eye[0].permute(1, 2, 0).numpy(), cv2.COLOR_RGB2BGR))[1].ravel()
+            yield f"{topic}/compressed", ros.new("sensor_msgs/msg/CompressedImage", message.header, "bgr8; png", data)
+
+
+def to_ros1(message):
+    """The same message of ROS 1: headers are counted, and matrices of a camera have capital letters."""
+    if isinstance(message, list):
+        return [to_ros1(part) for part in message]
+    if not hasattr(message, "__msgtype__"):
+        return message
+    kind = ROS1.types[message.__msgtype__]
+    names = [name for name in kind.__dataclass_fields__ if name != "__msgtype__"]
+    return kind(**{name: to_ros1(getattr(message, name, getattr(message, name.lower(), 0))) for name in names})
+
+
+def write_bag(folder, plugin, kind="raw", count=30, odometry=True, skip=(), infos=None):
+    """A bag of ROS 2, or of ROS 1 without a plugin."""
+    if plugin is None:
+        folder = folder.with_suffix(".bag")
+        writer, types = Ros1Writer(folder), ROS1
+    else:
+        writer, types = Writer(folder, version=9, storage_plugin=plugin), ros.typestore()
+    with writer as bag:
+        made = {}
+
+        def add(topic, message, n):
+            name = message.__msgtype__
+            if topic not in made:
+                made[topic] = bag.add_connection(topic, name, typestore=types)
+            data = ROS1.serialize_ros1(to_ros1(message), name) if plugin is None else ros.to_cdr(message)
+            bag.write(made[topic], round((START + n / RATE) * 1e9), data)
+
+        for n, frames in enumerate(moving_world(count, SMALL_RIG)):
+            if odometry:
+                k, s = DRIVEN.curvature, DRIVEN.speed * n / RATE
+                circle = Pose(math.sin(k * s) / k, (1 - math.cos(k * s)) / k, k * s)
+                add("/odom", ros.odometry(circle, DRIVEN, START + n / RATE - 0.001), n)
+            for topic, message in images(frames, n, kind):
+                if (n, "left" in topic) not in skip:
+                    add(topic, message, n)
+            for side, info in zip(("left", "right"), infos or camera_infos(SMALL_RIG), strict=True):
+                add(f"/stereo/{side}/camera_info", info, n)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("plugin", "kind", "single"),
+    [
+        (StoragePlugin.SQLITE3, "raw", False),
+        (StoragePlugin.MCAP, "compressed", False),
+        (StoragePlugin.MCAP, "raw", True),
+        (None, "raw", False),
+    ],
+)
+def test_a_bag_becomes_a_recording_that_replays(tmp_path, capsys, plugin, kind, single):
+    bag = write_bag(tmp_path / "bag", plugin, kind, skip={(4, True), (9, False)})
+    path = next(bag.glob("*.mcap")) if single else bag
+    out = tmp_path / "out.mcap"
+    assert main(["import", str(path), "--out", str(out), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["steps"], result["odometry"]) == (28, "/odom")
+    assert result["rate_hz"] == pytest.approx(RATE, rel=1e-3)
+    assert result["ranges"] > 50
+    steps, world = list(open_recording(out).steps()), list(moving_world(30, SMALL_RIG))
+    seen = [n for n in range(30) if n not in (4, 9)]
+    assert [round((step.time - START) * RATE) for step in steps] == seen
+    field = StereoBag(path).rig.subfields()[0]
+    for step, n in list(zip(steps, seen, strict=True))[::9]:
+        assert torch.equal(step.frames.left.field, cut_strips(world[n].left, field, SMALL_RIG).field)
+    assert [step.driven.speed for step in steps[1:]] == pytest.approx([0.4] * 27, rel=1e-3)
+    assert [step.driven.curvature for step in steps[1:]] == pytest.approx([0.5] * 27, rel=1e-3)
+    assert main(["replay", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["same"] == 28
+
+
+ROBOT = """
+board_name = "x"
+[link]
+kind = "simulated-world"
+[simulation]
+[body]
+length_m = 0.25
+width_m = 0.18
+min_turn_radius_m = 0.2
+camera_height_m = 0.1
+camera_pitch_deg = 2.0
+camera_forward_m = 0.07
+[navigation]
+controller = "ranging"
+"""
+
+
+def test_the_navigator_of_a_bag_has_the_body_of_its_robot(tmp_path):
+    """Body, cameras and options are the file's unless the command has others; calibration and rate are the bag's."""
+    file, bag = tmp_path / "my.toml", write_bag(tmp_path / "bag", None, count=3)
+    file.write_text(ROBOT)
+    for name, height, more in (("ranging", 0.1, []), ("published", 0.12, ["--controller", "published"])):
+        out = tmp_path / f"{name}.mcap"
+        more = [*more, "--camera-height", str(height)] if more else more
+        assert main(["import", str(bag), "--robot", str(file), "--out", str(out), *more]) == 0
+        runner = make_runner(open_recording(out).configuration)
+        assert (runner.body, runner.options.controller) == (Body(0.25, 0.18, 0.2), name)
+        assert (runner.rig.camera_height, runner.rig.forward) == (height, 0.07)
+        assert math.degrees(runner.rig.pitch) == pytest.approx(2.0)
+        assert (runner.rig.focal, runner.rig.baseline) == (pytest.approx(107.0), pytest.approx(0.12))
+
+
+def test_raw_images_are_rectified(tmp_path):
+    """Points of the rectified image are where the calibration has them."""
+    infos = camera_infos(SMALL_RIG, (-0.2, 0.05, 0.0, 0.0, 0.0))
+    bag = StereoBag(write_bag(tmp_path / "bag", StoragePlugin.SQLITE3, count=2, infos=infos))
+    bag.is_rectified = False  # what the names of these topics say is wrong
+    raw, ray, k = np.zeros((120, 160, 3), np.uint8), np.array([[0.5, 0.3, 1.0]]), infos[0].k.reshape(3, 3)
+    bent = cv2.projectPoints(ray, np.zeros(3), np.zeros(3), k, infos[0].d)[0].reshape(2)
+    straight = cv2.projectPoints(ray, np.zeros(3), np.zeros(3), k, np.zeros(5))[0].reshape(2)
+    assert np.hypot(*(bent - straight)) > 3
+    cv2.circle(raw, tuple(int(v) for v in bent.round()), 2, (255, 255, 255), -1)
+    message = ros.image(torch.from_numpy(raw).permute(2, 0, 1)[None], "left", 0.0)
+    row, column = np.argwhere(bag.frames(message, message, 0.0).left[0, 0].numpy() > 100).mean(0)
+    assert np.hypot(column - straight[0], row - straight[1]) < 1.0
+
+
+def test_topics_by_name():
+    kinds = {f"/{name}/{side}/image_raw": "sensor_msgs/msg/Image" for name in "ab" for side in ("left", "right")}
+    kinds["/o"] = "nav_msgs/msg/Odometry"
+    with pytest.raises(InputError, match="name the left and the right topic"):
+        find_topics(kinds, None, None, None)
+    with pytest.raises(InputError, match="no topic /o of this kind"):
+        find_topics(kinds, "/o", None, None)
+    assert find_topics(kinds, "/a/left/image_raw", None, None)[:2] == ("/a/left/image_raw", "/a/right/image_raw")
+    rectified = kinds | {f"/b/{side}/image_rect": "sensor_msgs/msg/Image" for side in ("left", "right")}
+    assert find_topics(rectified, None, None, None) == ("/b/left/image_rect", "/b/right/image_rect", "/o")
+
+
+def test_a_turn_on_the_spot_turns():
+    """Its command has a curvature that is finite; the heading is that of odometry."""
+    first, last = (ros.odometry(Pose(0.0, 0.0, 0.1 * n), DriveCommand(0.0, 0.0), n / RATE) for n in (0, 1))
+    speed, curvature = motion(first, last)
+    assert speed * curvature / RATE == pytest.approx(0.1)
+    assert abs(speed) < 0.01
+
+
+@pytest.mark.parametrize("content", [b"", b"SQLite format 3\0", b"\x89MCAP0\r\n" + bytes(40)])
+@pytest.mark.parametrize("suffix", [".mcap", ".bag", ".db3"])
+def test_what_is_no_bag_is_one_line(tmp_path, capsys, content, suffix):
+    path = tmp_path / f"bag{suffix}"
+    path.write_bytes(content)
+    assert main(["import", str(path), "--out", str(tmp_path / "o.mcap")]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error:")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("encoding", "channels", "pixel", "expected"),
+    [
+        ("rgb8", 3, (1, 2, 3), (1, 2, 3)),
+        ("bgra8", 4, (1, 2, 3, 9), (3, 2, 1)),
+        ("mono8", 1, (7,), (7,)),
+        ("mono16", 2, (1, 200), (200,)),
+        ("yuv422", 2, (128, 90), (86, 86, 86)),
+    ],
+)
+def test_encodings_of_images(encoding, channels, pixel, expected):
+    data = np.tile(np.array(pixel, np.uint8), (6 * 8, 1)).reshape(-1)
+    layout = 6, 8, encoding, 0, 8 * channels, data
+    message = ros.new("sensor_msgs/msg/Image", ros.header(0.0, "x"), *layout)
+    image = ros.image_pixels(message)
+    assert image.shape == (1, len(expected), 6, 8)
+    assert image[0, :, 2, 4].tolist() == pytest.approx(list(expected), abs=2)
+    for changed in ({"height": 0}, {"width": 2**31}, {"encoding": "?"}, {"data": data[:9]}):
+        for name, value in changed.items():
+            message = ros.new("sensor_msgs/msg/Image", ros.header(0.0, "x"), *layout)
+            setattr(message, name, value)
+            with pytest.raises(InputError):
+                ros.image_pixels(message)
+
+
+def read_again(message):
+    """A message, decoded from its definition by `mcap-ros2-support`."""
+    name = message.__msgtype__
+    text = get_typestore(Stores.ROS2_JAZZY).generate_msgdef(name, ros_version=2)[0]
+    return DecoderFactory().decoder_for("cdr", Schema(1, text.encode(), "ros2msg", name))(ros.to_cdr(message))
+
+
+def test_transforms_lead_to_the_place_in_the_map():
+    """`map` -> `odom` -> `base_link`, one after the other, is where the localiser has the car."""
+    place = Pose(3.0, 4.0, 0.7)
+    outer, inner = read_again(ros.transforms(Pose(1.0, -2.0, -0.4), place, 0.0)).transforms
+    assert (outer.header.frame_id, outer.child_frame_id) == ("map", inner.header.frame_id)
+    turn, at, by = ros.yaw(outer.transform.rotation), outer.transform.translation, inner.transform.translation
+    x = at.x + math.cos(turn) * by.x - math.sin(turn) * by.y
+    y = at.y + math.sin(turn) * by.x + math.cos(turn) * by.y
+    assert (x, y, turn + ros.yaw(inner.transform.rotation)) == pytest.approx(tuple(place))
+
+
+def test_a_map_of_what_is_occupied_and_free():
+    """5 cm a pixel: a cell of 1 cm fills its pixel, a faint one does not, and the body was where the path is."""
+    grid, cells = Grid(-1.0, 1.0, 0.0, 0.5, cell=0.01), torch.zeros(50, 200)
+    cells[22, 151], cells[40, 10], cells[40, 100] = 1.0, 0.01, 0.5
+    found = read_again(ros.occupancy_grid(cells, grid, 0.0, [(-0.9, 0.02)]))
+    assert (found.info.width, found.info.height, found.info.resolution) == (40, 10, pytest.approx(0.05))
+    data = np.array(found.data).reshape(10, 40)
+    assert np.argwhere(data == 100).tolist() == [[4, 30], [8, 20]]
+    free = np.argwhere(data == 0) * 0.05 + (0.025, 0.025 - 1.0)
+    assert np.hypot(*(free - (0.02, -0.9)).T).max() < 0.25
+    assert set(data.ravel()) == {-1, 0, 100}
