@@ -1,8 +1,6 @@
 """When the navigator begins anew, and what it keeps then."""
 
-import gc
 import math
-from functools import partial
 
 import numpy as np
 import pytest
@@ -12,13 +10,9 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
 from ndtorch.navigation.mapping.map_files import load_map
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch.utils.jit import JitFunction
-from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.map_saving import WalkedPath, save_runner_map
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand, Step
-from ndtorch_robot.run import open_car
-from ndtorch_robot.run_config import NavigationTable, RunConfig, SimulationTable
 from tests.robot.support.cars import RIG, moving_world
 
 DRIVEN = DriveCommand(0.5, 0.2)
@@ -82,46 +76,6 @@ def test_a_car_that_was_put_somewhere_before_the_first_step_knows_where():
     runner = NavigatorRunner(NavigatorOptions("published"), RIG, 30.0)
     runner.step(next(moving_world(1, RIG)), DRIVEN, (3.0, 4.0, 1.0))
     assert pose(runner) == (3.0, 4.0, 1.0)
-
-
-OPTIONS = (
-    NavigationTable(controller="published", map_half_size_m=8.0),
-    NavigationTable(controller="ranging"),
-    NavigationTable(controller="goal", goal="4,0", stereo="search", localise=True, map_half_size_m=8.0),
-)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("options", OPTIONS, ids=("published", "ranging", "goal"))
-def test_no_kernel_is_loaded_on_the_way(options, monkeypatch):
-    loaded, first = [], JitFunction.first_call
-
-    def told(kernel, *given):
-        loaded.append(kernel.function.__name__)
-        return first(kernel, *given)
-
-    for kernel in [each for each in gc.get_objects() if type(each) is JitFunction]:
-        kernel.run = partial(told, kernel)  # as in a new process
-    monkeypatch.setattr(JitFunction, "first_call", told)
-    table, world = {"kind": "simulated-world"}, SimulationTable(arena="room", seed=3)
-    config = RunConfig(board_name="sim", link=table, simulation=world, navigation=options)
-    before = []
-
-    def look(step):
-        if step.number == 0:
-            before.extend(loaded)
-        if step.number == 25:
-            car.safe.fault("by hand", FaultKind.DRIVE)
-        if step.number == 28:  # it stands, looks at what is near, and drives on
-            car.safe.resume()
-
-    with open_car(config, lambda line: None, True, [look]) as car:
-        car.run(1.8)
-        assert car.runner.state is not None
-        assert max(float(part) for part in car.runner.state.pose[:2]) > 0.2  # it has driven
-    assert len(car.safe.faults) > 1
-    assert before
-    assert loaded == before
 
 
 def test_a_pilot_saves_its_map_and_the_floor_it_passed(tmp_path):

@@ -3,7 +3,6 @@
 import errno
 import os
 import struct
-import threading
 from pathlib import Path
 
 import cv2
@@ -15,7 +14,7 @@ from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict, read_toml
-from ndtorch_robot.link import LINKS, Opening, link, open_link, serial_drive
+from ndtorch_robot.link import LINKS, Opening, link, open_link
 from ndtorch_robot.link.link_drive import LinkDrive
 from ndtorch_robot.link.messages import (
     BODY_SIZE,
@@ -115,13 +114,6 @@ def test_nothing_that_was_not_sent(frames, data):
     assert set(Parser().feed(bytes(stream) + b"\0")) <= set(frames)
 
 
-@given(st.binary(max_size=400))
-def test_any_bytes_at_all(data):
-    parser = Parser()
-    parser.feed(data)
-    assert len(parser.collected) <= 32
-
-
 def test_other_versions_and_overlong_frames_are_not_read():
     parser = Parser()
     assert parser.feed(encode_frame(Frame(7, 3, 1, b"whatever"))) == []
@@ -158,10 +150,9 @@ class Wire:
 class Known:
     """A drive whose board has answered at 10 s, with a clock that is set by hand."""
 
-    def __init__(self, armed=True, kind=LinkDrive):
+    def __init__(self, armed=True):
         self.time, self.wire, self.lines, self.sequence = 10.0, Wire(), [], 0
-        self.drive = kind.__new__(kind)
-        LinkDrive.__init__(self.drive, self.wire, lambda: self.time, report=self.lines.append)
+        self.drive = LinkDrive(self.wire, lambda: self.time, report=self.lines.append)
         self.welcome()
         if armed:
             assert self.drive.resume()
@@ -348,52 +339,6 @@ def test_boards_that_do_not_answer_as_they_must():
         open_with(lambda frame: board(frame, version=2))
     with pytest.raises(InputError, match="'lorry', the configuration is for 'maxston8'"):
         open_with(lambda frame: board(frame, name=b"lorry\0\0\0"), board_name="maxston8")
-
-
-def test_a_board_that_never_answers_is_given_up(monkeypatch):
-    """After twice the time that it is given at first, counted from when it was heard last."""
-    car, clock = Known(kind=SerialDrive), [100.0]
-    car.drive.closing = threading.Event()
-
-    def read_some(port):
-        clock[0] += 0.25
-        return b""
-
-    monkeypatch.setattr(serial_drive, "read_some", read_some)
-    monkeypatch.setattr(serial_drive.time, "monotonic", lambda: clock[0])
-    car.drive.welcomed.clear()
-    for heard, ends in ((0.0, 100.0), (103.0, 103.0)):
-        car.drive.heard_at, clock[0] = heard, 100.0
-        assert car.drive.converse() == "no answer from the board"
-        assert clock[0] == pytest.approx(ends + 2 * serial_drive.GREETING, abs=0.3)
-    car.drive.closing.set()
-    assert car.drive.converse() == "closed"
-
-
-def test_a_line_that_is_gone_is_opened_again_after_pauses_that_grow():
-    car = Known(kind=SerialDrive)
-    drive, waited, opened = car.drive, [], []
-
-    class Closing(threading.Event):
-        def wait(self, timeout):
-            waited.append(timeout)
-            return False
-
-    def reopen():
-        opened.append(len(waited))
-        return len(opened) in (4, 5)
-
-    def converse():
-        if len(opened) == 5:
-            drive.closing.set()
-        return "unplugged"
-
-    drive.closing, drive.converse, drive.reopen, drive.heard = Closing(), converse, reopen, None
-    drive.listen()
-    assert (drive.port, drive.welcomed.is_set()) == (None, False)
-    assert (drive.trouble(), car.lines) == ("lost: unplugged", ["link: lost: unplugged"])
-    least, most = serial_drive.BACK_OFF
-    assert waited == [min(least * 2**n, most) for n in range(5)]
 
 
 # Links by name.

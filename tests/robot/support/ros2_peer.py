@@ -12,7 +12,7 @@ import sys
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import make_idl_struct
-from cyclonedds.idl.types import array, byte, float32, float64, int8, int32, sequence, uint32
+from cyclonedds.idl.types import array, float32, float64, int32, sequence, uint32
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -40,21 +40,10 @@ Odometry_ = struct(
 RANGES = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
 LISTS = {"ranges": sequence[float32], "intensities": sequence[float32]}
 LaserScan_ = struct("sensor_msgs", "LaserScan", header=Header_, **dict.fromkeys(RANGES, float32), **LISTS)
-MapMetaData_ = struct(
-    *("nav_msgs", "MapMetaData"), map_load_time=Time_, resolution=float32, width=uint32, height=uint32, origin=Pose_
-)
-OccupancyGrid_ = struct("nav_msgs", "OccupancyGrid", header=Header_, info=MapMetaData_, data=sequence[int8])
-KeyValue_ = struct("diagnostic_msgs", "KeyValue", key=str, value=str)
-WORDS = dict.fromkeys(("name", "message", "hardware_id"), str)
-DiagnosticStatus_ = struct("diagnostic_msgs", "DiagnosticStatus", level=byte, **WORDS, values=sequence[KeyValue_])
-DiagnosticArray_ = struct("diagnostic_msgs", "DiagnosticArray", header=Header_, status=sequence[DiagnosticStatus_])
-
 TOPICS = {
     "scan": LaserScan_,
     "odom": Odometry_,
-    "map": OccupancyGrid_,
     "cmd_vel": Twist_,
-    "diagnostics": DiagnosticArray_,
 }
 
 LO = """<CycloneDDS><Domain Id="any">
