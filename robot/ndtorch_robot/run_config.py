@@ -15,7 +15,7 @@ from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import Strict, read_toml
 from ndtorch_robot.bridges import BRIDGES
 from ndtorch_robot.camera_monitor import CameraLimits
-from ndtorch_robot.link import HOSTED_BOARD, SERIAL, check_link
+from ndtorch_robot.link import HOSTED_BOARD, SERIAL, check_link, read_settings
 from ndtorch_robot.safety import SafetyLimits
 
 Positive = Annotated[float, Field(gt=0)]
@@ -194,7 +194,7 @@ class RunConfig(RobotTable):
             raise ValueError("real cameras need a real board: give link.device")
         check_link(self.link_table())
         for name, values in self.bridges.items():
-            BRIDGES.checked(name, values, f"bridges.{name}")
+            read_settings(BRIDGES.find(name), values, f"bridges.{name}")
         return self
 
     def link_table(self) -> dict[str, Any]:

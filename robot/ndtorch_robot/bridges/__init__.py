@@ -1,7 +1,7 @@
 """Bridges from the loop to other systems, such as MAVLink and ROS 2; see docs/robot/bridges.md.
 
 `[bridges.mavlink]` in a car's file opens one beside the loop. A bridge is a class that inherits `Bridge`, a table of
-settings, and a function with `@bridge(name, settings)` that opens it: a file in this folder, or anywhere else.
+settings, and a function of settings and opening with `@bridge(name)`: a file in this folder, or anywhere else.
 """
 
 from __future__ import annotations
@@ -9,11 +9,12 @@ from __future__ import annotations
 import contextlib
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ndtorch_robot.kinds import Kinds
+from ndtorch.utils.registry import Registry
+from ndtorch_robot.link import read_settings
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Report, Step
 
@@ -55,7 +56,7 @@ class Bridge(ABC):
         """Give everything back."""
 
 
-BRIDGES = Kinds("bridge", __name__)
+BRIDGES: Registry[Callable[..., Bridge]] = Registry("bridge", __name__)
 bridge = BRIDGES.register
 
 
@@ -109,7 +110,8 @@ def open_bridges(tables: Mapping[str, Mapping[str, Any]], opening: Opening) -> I
     with contextlib.ExitStack() as stack:
         threads = []
         for name, values in tables.items():
-            kind, settings = BRIDGES.checked(name, values, f"bridges.{name}")
-            threads.append(BridgeThread(name, kind.open(settings, opening), opening.report))
+            opener = BRIDGES.find(name)
+            settings = read_settings(opener, values, f"bridges.{name}")
+            threads.append(BridgeThread(name, opener(settings, opening), opening.report))
             stack.callback(threads[-1].close)
         yield threads

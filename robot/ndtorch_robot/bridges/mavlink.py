@@ -51,7 +51,7 @@ class MavlinkBridge(Bridge):
         self.connection.close()
 
 
-@bridge("mavlink", MavlinkSettings)
+@bridge("mavlink")
 def open_mavlink(settings: MavlinkSettings, opening: Opening) -> MavlinkBridge:
     """A bridge on the connection of the link where that is of the same kind, unless it names another device."""
     shared = {key: opening.link[key] for key in MavlinkSettings.model_fields if key in opening.link}

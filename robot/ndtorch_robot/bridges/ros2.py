@@ -167,6 +167,6 @@ def idl_field(node: Any, value: Any) -> Any:
     return plain.get(value[0]) or getattr(types, value[0])
 
 
-@bridge("ros2", Ros2Settings)
+@bridge("ros2")
 def open_ros2(settings: Ros2Settings, opening: Opening) -> Ros2Bridge:
     return Ros2Bridge(settings, opening)

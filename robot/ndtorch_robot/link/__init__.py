@@ -1,18 +1,19 @@
 """Drive links by name: `[link] kind = "serial"` in a car's file chooses one; see docs/robot/protocol.md.
 
-A link is a class that is a `ports.Drive`, a table of settings, and a function with `@link(name, settings)` that opens
-it: a file in this folder, or anywhere else.
+A link is a class that is a `ports.Drive`, a table of settings, and a function of settings and opening with
+`@link(name)`: a file in this folder, or anywhere else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from ndtorch.errors import InputError
-from ndtorch.utils.toml import Strict
-from ndtorch_robot.kinds import Kind, Kinds
+from ndtorch.utils.registry import Registry
+from ndtorch.utils.toml import Strict, check
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Report
 
 if TYPE_CHECKING:
@@ -45,14 +46,20 @@ class Opening:
     simulation: Simulation | None = None
 
 
-LINKS = Kinds("link", __name__)
+LINKS: Registry[Callable[..., Drive]] = Registry("link.kind", __name__)
 link = LINKS.register
 
 
-def check_link(values: Mapping[str, Any]) -> tuple[Kind, Strict]:
-    """A `[link]` table: its kind and its settings; `InputError` for an unknown kind, key or value."""
-    rest = dict(values)
-    return LINKS.checked(str(rest.pop("kind", SERIAL)), rest, "link")
+def read_settings(opener: Callable[..., Any], values: Mapping[str, Any], table: str) -> Strict:
+    """The settings of a link or bridge, of the values of a table; `InputError` for an unknown key or value."""
+    kind: type[Strict] = inspect.get_annotations(opener, eval_str=True)["settings"]
+    return check(values, kind, table)
+
+
+def check_link(values: Mapping[str, Any]) -> tuple[Callable[..., Drive], Strict]:
+    """What opens the link of a `[link]` table, and its settings; `InputError` for an unknown kind, key or value."""
+    opener = LINKS.find(str(values.get("kind", SERIAL)))
+    return opener, read_settings(opener, {key: value for key, value in values.items() if key != "kind"}, "link")
 
 
 def open_link(values: Mapping[str, Any], opening: Opening) -> Drive:
@@ -61,8 +68,8 @@ def open_link(values: Mapping[str, Any], opening: Opening) -> Drive:
     Raises:
         InputError: as `check_link`; a link that cannot be opened; one that moves no simulated car where it must.
     """
-    kind, settings = check_link(values)
-    drive: Drive = kind.open(settings, opening)
+    opener, settings = check_link(values)
+    drive = opener(settings, opening)
     if opening.simulation is not None and not isinstance(drive, MovesWorld):
         drive.close()
         moving = f"link.kind = {HOSTED_BOARD!r} or {SIMULATED_WORLD!r}"

@@ -281,7 +281,7 @@ class MavlinkDrive(Drive):
                 self.connection.ask(d.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / MOTION_RATE)
 
 
-@link("mavlink", MavlinkDriveSettings)
+@link("mavlink")
 def open_mavlink(settings: MavlinkDriveSettings, opening: Opening) -> MavlinkDrive:
     connection = MavlinkConnection.open(settings)
     try:

@@ -190,6 +190,6 @@ def reason(device: str, number: int | None, message: str) -> str:
     return f"cannot be opened ({message})"
 
 
-@link(SERIAL, SerialSettings)
+@link(SERIAL)
 def open_serial(settings: SerialSettings, opening: Opening) -> SerialDrive:
     return SerialDrive(settings.device, settings.baud, opening.board_name, opening.report)

@@ -42,12 +42,12 @@ class WorldSettings(Strict):
     """`[link]` with `kind = "simulated-world"`, which has no further keys."""
 
 
-@link(HOSTED_BOARD, HostedSettings)
+@link(HOSTED_BOARD)
 def open_hosted(settings: HostedSettings, opening: Opening) -> HostedDrive:
     return HostedDrive(world_of(opening, HOSTED_BOARD), opening.board_name, opening.report, settings.real_time)
 
 
-@link(SIMULATED_WORLD, WorldSettings)
+@link(SIMULATED_WORLD)
 def open_world(settings: WorldSettings, opening: Opening) -> Simulation:
     """The world is its own drive: without a board and a line."""
     return world_of(opening, SIMULATED_WORLD)

@@ -377,8 +377,8 @@ def paper():
     """A kind of link that only this file knows."""
     made = []
 
-    @link("paper", PaperSettings)
-    def open_paper(settings, opening):
+    @link("paper")
+    def open_paper(settings: PaperSettings, opening):
         made.append(PaperDrive(settings.pages, opening.board_name))
         return made[-1]
 
@@ -431,7 +431,7 @@ def test_the_simulated_world_is_a_link():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('link = {kind = "can"}', "no link of the kind 'can', known are .*hosted-board, .*serial, simulated-world"),
+        ('link = {kind = "can"}', "link.kind must be one of hosted-board, .*serial, simulated-world, got 'can'"),
         ('link = {kind = "serial", baud = 500}', "device"),
         ('link = {device = "/dev/x", baud = 5}', "baud = 5: should be greater"),
         ('link = {device = "/dev/x", bauds = 9600}', "unknown key 'bauds'; did you mean baud?"),

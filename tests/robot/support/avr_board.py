@@ -203,7 +203,7 @@ class BoardDrive(SerialDrive):
         self.board.close()
 
 
-@link("avr-board", BoardSettings)
+@link("avr-board")
 def open_board(settings: BoardSettings, opening: Opening) -> BoardDrive:
     """Start the firmware and connect to it."""
     board = AvrBoard(settings.pulse_log)
