@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from ndtorch.utils.files import TABLE_BYTES, read_text
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import RATE
-from ndtorch_robot.evaluation.drives import ResultCache
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
 from ndtorch_robot.run_config import RobotTable
@@ -191,18 +190,11 @@ def attempt(entry: Entry) -> Attempt:
     return Attempt(world.number, *outcome, referee.path, round(step, 2))
 
 
-class AttemptCache(ResultCache[Entry]):
-    """Finished attempts, so that a run can go on where it was stopped."""
-
-    def name(self, job: Entry) -> str:
-        robot = None if job.robot is None else job.robot.model_dump()
-        text = json.dumps([dataclasses.asdict(replace(job, robot=None)), robot, self.code], sort_keys=True)
-        return f"{job.world.number:04d}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
-
-    def attempt(self, entry: Entry) -> Attempt | None:
-        """The attempt that was kept, if any."""
-        kept: Any = self.get(entry)
-        return None if kept is None else Attempt(**{**kept, "path": [tuple(place) for place in kept["path"]]})
+def attempt_name(entry: Entry, code: str) -> str:
+    """Name of an attempt, for `ResultCache`."""
+    robot = None if entry.robot is None else entry.robot.model_dump()
+    text = json.dumps([dataclasses.asdict(replace(entry, robot=None)), robot, code], sort_keys=True)
+    return f"{entry.world.number:04d}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
 def comma_separated(made: Sequence[Attempt]) -> str:

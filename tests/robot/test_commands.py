@@ -41,7 +41,7 @@ def test_json(tmp_path, capsys):
     summary = json.loads(out)
     assert summary.keys() >= KEYS
     assert set(summary["map"]) == {"precision", "surfaces", "recall", "position_error_cm", "spacing_error_percent"}
-    assert summary["step_ms"].keys() == {"p50", "p99"}
+    assert summary["step_ms"].keys() >= {"p50", "p99"}
     assert (summary["arena"], summary["seed"], summary["simulated_seconds"]) == ("hallway", 0, 3.0)
     assert [line for line in err.splitlines() if not line.startswith("note: ")] == []  # a first start compiles
     assert sorted(p.name for p in tmp_path.iterdir()) == FILES

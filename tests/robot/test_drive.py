@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import CRUISE, STOPPED, SUPPRESSED, TURN, Navigator, StereoRig
+from ndtorch.navigation import CRUISE, STOPPED, SUPPRESSED, TURN
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.stereo.strips import Strips
 from ndtorch_robot.camera_monitor import CameraMonitor
@@ -82,7 +82,6 @@ def test_interrupt_keeps_everything():
     ("seed", "options", "recall"),
     [
         (11, {}, 0.6),
-        pytest.param(13, {}, 0.6, marks=pytest.mark.long),
         pytest.param(11, {"prediction": True}, 0.6, marks=pytest.mark.long),
         pytest.param(11, {"feature_position": "motion", "features": 5}, 0.5, marks=pytest.mark.long),
     ],
@@ -130,12 +129,11 @@ def against_truth(result, pixels):
     return np.array(found), np.array(true)
 
 
-@pytest.mark.parametrize(("seconds", "turns"), [(18, 2), pytest.param(60, 5, marks=pytest.mark.long)])
-def test_published_rule_in_the_curve(seconds, turns):
+def test_published_rule_in_the_curve():
     """A4: it drives on, for minutes in `ndtorch reproduce A4`; with reversed turns it collides within 8 s."""
-    result = drive(DriveConfig(arena="curve", seed=11, seconds=seconds, controller="published"))
+    result = drive(DriveConfig(arena="curve", seed=11, seconds=18, controller="published"))
     assert result.summary["collisions"] == 0
-    assert result.summary["turns"] >= turns
+    assert result.summary["turns"] >= 2
     # True odometry is true.
     assert np.abs(result.record.array("pose") - result.record.array("believed")).max() < 2e-3
     wrong = drive(
@@ -175,11 +173,6 @@ SEED = 21
 """Of the short drives below; taken before anything was driven with it, and not one that anything was tuned on."""
 
 
-def mirrored(command):
-    """Turns the other way, and cannot reverse out of it."""
-    return DriveCommand(abs(command.speed), -command.curvature)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("arena", "walls", "seconds"),
@@ -199,12 +192,6 @@ def test_driving_without_collisions(arena, walls, seconds):
     mode = result.record.array("mode").astype(int)
     assert mode[0] == SUPPRESSED
     assert {CRUISE, TURN} <= set(np.unique(mode))
-
-
-@pytest.mark.slow
-def test_turning_the_wrong_way_collides():
-    result = drive(DriveConfig(arena="loop", seed=SEED, seconds=21), steer=mirrored)
-    assert result.summary["collisions"] >= 1
 
 
 BUMPER = 0.25
@@ -234,25 +221,6 @@ def test_a_start_before_a_wall_and_one_before_none():
         assert hits == 0
         assert car.troubles == []
         assert simulation.pose[0] > 0.8
-    finally:
-        simulation.close()
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_a_navigator_with_its_defaults_starts_20_cm_before_a_wall(seed):
-    """The lines of README, and nothing of the car's own loop."""
-    rig = StereoRig(baseline=0.30, focal=430.0, width=640, height=480)
-    navigator = Navigator(rig, dt=1 / 30)
-    plan = Plan("small", ring([(0, 0), (3, 0), (3, 2), (0, 2)]))
-    simulation, state = Simulation(plan, seed, rig=rig, fields=navigator.controller.fields), None
-    try:
-        simulation.place(3 - BUMPER - 0.2, 1.0, 0.0)
-        for step in range(90):
-            frames = simulation.read()
-            command, state = navigator(frames.left, frames.right, state)
-            simulation.obey(DriveCommand(float(command.speed), float(command.curvature)))
-            simulation.wait_until((step + 1) / 30)
-        assert simulation.collisions == []
     finally:
         simulation.close()
 

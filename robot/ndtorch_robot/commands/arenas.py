@@ -11,20 +11,17 @@ class Arenas:
     """List the arenas."""
 
     json: bool = False
-    """The arenas are printed as one JSON object, and nothing else is."""
+    """Print the arenas as one JSON object, and nothing else."""
 
     def run(self) -> int:
         from ndtorch_robot.sim.arenas import ARENAS
 
-        found = {}
+        listed = {}
         for name, make in ARENAS.items():
             left, right, bottom, top = make(0).bounds
             words = (make.__doc__ or "").splitlines()[0]
-            found[name] = {"width_m": right - left, "depth_m": top - bottom, "description": words}
-        if self.json:
-            print(json.dumps(found))
-            return 0
-        for name, arena in found.items():
-            print(f"{name:10s} {arena['width_m']:4.0f} x {arena['depth_m']:<3.0f} m  {arena['description']}")
-        print("\nOr a .toml file; its keys are described in docs/robot/simulation.md.")
+            listed[name] = {"width_m": right - left, "depth_m": top - bottom, "description": words}
+            if not self.json:
+                print(f"{name:10s} {right - left:4.0f} x {top - bottom:<3.0f} m  {words}")
+        print(json.dumps(listed) if self.json else "\nOr a .toml file; see docs/robot/simulation.md.")
         return 0

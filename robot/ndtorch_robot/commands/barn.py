@@ -60,22 +60,22 @@ class Barn:
         from ndtorch.report.plots import save
         from ndtorch.run.folder import place_for
         from ndtorch.utils.files import replacing, write_text
-        from ndtorch_robot.barn import AttemptCache, comma_separated, table, totals
-        from ndtorch_robot.evaluation.drives import finish, processes_of
+        from ndtorch_robot.barn import Attempt, attempt_name, comma_separated, table, totals
+        from ndtorch_robot.evaluation.drives import ResultCache, finish, processes_of
         from ndtorch_robot.evaluation.plots import barn_plot
 
         worlds, processes = self.chosen(), processes_of(self.jobs)
         entries = [self.entry(world) for world in worlds]
-        names = sorted(AttemptCache(Path()).name(entry) for entry in entries)
-        place = place_for(self.out, {"command": "barn", "attempts": names}, force=self.force)
+        cache = ResultCache(Path(), attempt_name)
+        place = place_for(self.out, {"command": "barn", "attempts": sorted(map(cache.name, entries))}, force=self.force)
         place.take_over("worlds")
-        out, cache = place.folder, AttemptCache(place.folder / "worlds")
+        out, cache.folder = place.folder, place.folder / "worlds"
         troubles, interrupted = list[str](), False
         try:
             troubles = finish(drive_world, entries, cache, processes, "world {0.world.number}".format, unit=" worlds")
         except KeyboardInterrupt:
             interrupted = True
-        made = [one for entry in entries if (one := cache.attempt(entry)) is not None]
+        made = [Attempt(**result) for entry in entries if (result := cache.get(entry)) is not None]
         missing = f"; {len(worlds) - len(made)} of {len(worlds)} worlds are missing" * (len(made) < len(worlds))
         text = table(made, f"Controller {self.controller}, {self.split} worlds, seed {self.seed}{missing}.")
         write_text(out / "barn.csv", comma_separated(made))

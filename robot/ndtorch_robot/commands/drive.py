@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -14,9 +15,19 @@ from ndtorch.cli.command_run import INCOMPLETE, INTERRUPTED
 from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:
+    from tqdm import tqdm
+
     from ndtorch_robot.config import DriveConfig
     from ndtorch_robot.drive import Result
     from ndtorch_robot.ports import Step
+
+CAPTIONS = {
+    "path": "The true path over the true plan, with turns, reversing, collisions and stops.",
+    "map": "Red: the map, the darker the more certain.",
+    "pose": "How far dead reckoning and the corrected pose are from the truth.",
+    "rows": "One row of pixels of each camera, stacked over time. Dots are features with a range.",
+    "speeds": "Above: how fast the image moves on both sides. Below: what the controller weighs, and where it acts.",
+}
 
 
 @dataclass(frozen=True)
@@ -25,51 +36,52 @@ class Drive:
     """Drive through a simulated building, steering and mapping by sight.
 
     Shows the progress and a summary, and writes report.html with all pictures, summary.json, path.png, map.png,
-    map.npz, map.pgm and map.yaml (these two for ROS), speeds.png and rows.png; with --localise also
-    pose.png. Options override the file. Ctrl-C stops the robot and writes all results.
+    map.npz, map.pgm and map.yaml (these two for ROS), speeds.png and rows.png; with --localise also pose.png. Options
+    override the file. Ctrl-C stops the robot and writes all results.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
-    """The options below may be keys of this TOML file."""
+    """TOML file whose keys are the options below."""
     robot: Path | None = None
-    """The robot of this file drives, or one of robot/configs by name (default: the car of [A])."""
+    """Configuration of a robot, a file or one of robot/configs by name (default: the car of [A])."""
     arena: str | None = None
-    """The car drives in this arena, a name (see `ndtorch arenas`) or a .toml file (default: hallway)."""
+    """Arena, a name (see `ndtorch arenas`) or a .toml file (default: hallway)."""
     seed: int | None = None
-    """Building, textures and start follow from this number (default: 0)."""
+    """Seed of building, textures and start (default: 0)."""
     seconds: float | None = None
-    """The drive takes this simulated time, in s (default: 60)."""
+    """Simulated time, s (default: 60)."""
     odometry: Literal["true", "noisy"] | None = None
-    """Dead reckoning is exact (default), or 1 % too long and drifts by 0.05 degrees a second."""
+    """Dead reckoning: exact (default), or 1 % too long with a drift of 0.05 degrees a second."""
     walls: Literal["textured", "blank"] | None = None
-    """Walls have panels, doors and papers (default), or no texture at all."""
+    """Walls: with panels, doors and papers (default), or without texture."""
     pedestrian: bool = False
-    """A box of the size of a person walks to and fro."""
+    """Add a person who walks to and fro."""
     disturbance: str | None = None
-    """These disturbances act on cameras and car: names (noise, flicker, pitch-up, ...) or KEY=NUMBER, with commas."""
+    """Disturbances of cameras and car: names (noise, flicker, pitch-up, ...) or KEY=NUMBER, with commas."""
     full_frames: bool = False
-    """Full 640x480 frames are rendered although only strips of them are read (six times slower)."""
+    """Render full frames although only strips of them are read (six times slower)."""
     out: Path | None = None
-    """Results are written into this folder (default: out/drive), or into the next free one: out/drive-2."""
+    """Folder of the results (default: out/drive), or the next free one: out/drive-2."""
     force: bool = False
-    """That folder is taken even if results are there; files of the same names are replaced."""
+    """Write into that folder even if results are there."""
     rrd: Path | None = None
-    """The drive is also written into this file for the rerun viewer, with full frames."""
+    """File for the rerun viewer, with full frames."""
     view: bool = False
-    """The rerun viewer shows the drive as it goes, with full frames."""
+    """Show the drive in the rerun viewer as it goes, with full frames."""
     view_at: str | None = None
-    """The drive is served at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
+    """ADDRESS or ADDRESS:PORT of a server, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
     record: Path | None = None
-    """The drive is recorded into this new file, NAME.mcap, for `ndtorch replay`, Foxglove and ROS 2."""
+    """New file of a recording, NAME.mcap, for `ndtorch replay`, Foxglove and ROS 2."""
     open: bool = False
-    """The browser shows report.html when the drive has ended."""
+    """Open report.html in the browser at the end."""
     json: bool = False
-    """The summary is printed as one JSON object, and nothing else is."""
+    """Print the summary as one JSON object, and nothing else."""
 
     def run(self) -> int:
         import torch
 
         from ndtorch.report.page import NAME, open_in_browser
+        from ndtorch.report.recording import why_not_whole
         from ndtorch.run.folder import RunFolder, new_file
         from ndtorch_robot.config import load_config
 
@@ -82,7 +94,7 @@ class Drive:
         folder = RunFolder(config.out, self.force)
         torch.set_num_threads(1)
         try:
-            result = watched(config, quiet=self.json)
+            result = with_progress(config, quiet=self.json)
             write_results(result, folder.work)
         except BaseException:
             folder.discard()
@@ -93,98 +105,76 @@ class Drive:
         else:
             print(describe(result))
             print(f"  written to {folder.final}: {' '.join(file.name for file in files)}")
-            if config.rrd:
-                print(f"  recording: rerun {config.rrd}")
         if self.open:
             open_in_browser(folder.final / NAME)
-        half = unfinished(config, result)
-        for line in half:
+        troubles = [(result.summary["recording"] or {}).get("failed"), config.rrd and why_not_whole(config.rrd)]
+        for line in filter(None, troubles):
             print(f"error: {line}", file=sys.stderr)
-        return INTERRUPTED if result.interrupted else INCOMPLETE if half else 0
+        return INTERRUPTED if result.interrupted else INCOMPLETE if any(troubles) else 0
 
 
-def unfinished(config: DriveConfig, result: Result) -> list[str]:
-    """What of the recordings is not whole, one line each."""
-    from ndtorch.report.recording import why_not_whole
-
-    failed = (result.summary["recording"] or {}).get("failed", "")
-    half = why_not_whole(config.rrd) if config.rrd is not None else None
-    return [line for line in (failed, half) if line]
-
-
-def watched(config: DriveConfig, quiet: bool) -> Result:
+def with_progress(config: DriveConfig, quiet: bool) -> Result:
+    """Drive with a progress bar."""
     from ndtorch.run.progress import progress_bar
     from ndtorch_robot.drive import drive
 
-    if quiet:
-        return drive(config)
-    bar = None
+    with contextlib.ExitStack() as stack:
+        bars: list[tqdm[Any]] = []
 
-    def progress(step: Step) -> None:
-        nonlocal bar
-        if bar is None:  # only now, so that an error before the first frame stands alone
-            total = round(config.seconds * config.rate)
-            bar = progress_bar(total, desc=f"{config.arena} seed {config.seed}", unit=" frames")
-        bar.update()
+        def progress(step: Step) -> None:
+            if not bars:  # only now, so that an error before the first frame stands alone
+                total, words = round(config.seconds * config.rate), f"{config.arena} seed {config.seed}"
+                bars.append(stack.enter_context(progress_bar(total, desc=words, unit=" frames")))
+            bars[0].update()
 
-    try:
-        return drive(config, [progress])
-    finally:
-        if bar is not None:
-            bar.close()
+        return drive(config, [] if quiet else [progress])
 
 
 def write_results(result: Result, folder: Path) -> None:
+    """Write all files of a drive."""
     from ndtorch.navigation.mapping.map_files import save_map
+    from ndtorch.report.page import Page, Shown, command_line, versions
     from ndtorch_robot.evaluation.plots import write_plots
-    from ndtorch_robot.evaluation.report import write_drive_page
 
     (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
-    true, believed, located = (result.record.array(name).reshape(-1, 3) for name in ("pose", "believed", "located"))
-    paths = {"true_path": true, "believed_path": believed, "located_path": located}
-    walked = located if result.walked is None else result.walked
-    save_map(folder, result.cells, result.grid, walked, result.ndt_cells, **paths)
+    names = {"true_path": "pose", "believed_path": "believed", "located_path": "located"}
+    paths = {key: result.record.array(name) for key, name in names.items()}
+    save_map(folder, result.cells, result.grid, result.walked, result.ndt_cells, **paths)
     write_plots(result, folder)
-    write_drive_page(result, describe(result), folder)
+    title, *answer = describe(result).splitlines()
+    facts = result.config.model_dump(include={"arena", "seed", "controller", "walls", "odometry", "disturbance"})
+    facts = {key: str(value) for key, value in facts.items()} | versions("ndtorch-robot")
+    pictures = {name: folder / f"{name}.png" for name in CAPTIONS}
+    shown = [Shown(file, name, CAPTIONS[name]) for name, file in pictures.items() if file.exists()]
+    Page(f"A drive: {title}", [line.strip() for line in answer], command_line(), facts, (), shown).write(folder)
 
 
 def describe(result: Result) -> str:
+    """The summary in words."""
     s, c = result.summary, result.config
-    score, times = s["map"], s["step_ms"]
-    keys = ("simulated_seconds", "wall_seconds", "free_area_passed", "free_area_passed_40cm")
-    seconds, wall, passed, close = (s[key] for key in keys)
-
-    def value(key: str, unit: str, factor: float = 1.0) -> str:
-        return "-" if score[key] is None else f"{factor * score[key]:.1f} {unit}"
-
-    located = []
-    if result.ndt_cells is not None:
-        errors = s["pose_error"]
-        words = [
-            f"{label} {errors[name]['end_m']:.2f} m and {errors[name]['end_degrees']:.1f} degrees"
-            for name, label in (("believed", "dead reckoning"), ("located", "corrected"))
-            if name in errors
-        ]
-        located = [f"  error of the pose at the end: {', '.join(words)}"]
+    percents = {
+        "precision": "of its mass at true edges",
+        "surfaces": "at any surface",
+        "recall": "of the visible edges",
+    }
+    scores = [f"{100 * s['map'][key]:.0f} % {words}" for key, words in percents.items() if s["map"][key] is not None]
+    seconds, wall, times = s["simulated_seconds"], s["wall_seconds"], s["step_ms"]
     lines = [
-        f"{c.arena}, seed {c.seed}, {c.controller}"
-        + f", {c.disturbance}" * bool(c.disturbance)
-        + (" (interrupted)" if result.interrupted else ""),
-        f"  {seconds:.0f} s and {s['distance_m']:.0f} m driven in {wall:.1f} s, "
-        f"{seconds / max(wall, 1e-9):.1f}x real time",
-        f"  collisions {s['collisions']} ({s['collisions_per_hour']} an hour), stops {s['stopped']}, "
-        f"turns {s['turns']}, free area passed within 1 m {100 * passed:.0f} %, within 0.4 m {100 * close:.0f} %",
-        f"  map: {value('precision', '%', 100)} of its mass within 10 cm of true edges, {value('surfaces', '%', 100)} "
-        f"of any surface, {value('recall', '%', 100)} of the visible edges found, "
-        f"position error {value('position_error_cm', 'cm')}, door spacing error {value('spacing_error_percent', '%')}",
-        *located,
-        f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms",
+        ", ".join(filter(None, (f"{c.arena}, seed {c.seed}, {c.controller}", c.disturbance)))
+        + " (interrupted)" * result.interrupted,
+        f"  {seconds:.0f} s and {s['distance_m']:.0f} m driven, {seconds / max(wall, 1e-9):.1f}x real time",
+        f"  collisions {s['collisions']} ({s['collisions_per_hour']} an hour), people hit {s['people_hit']}, "
+        f"stops {s['stopped']}, turns {s['turns']}, free area passed within 1 m {100 * s['free_area_passed']:.0f} %",
+        f"  map: {', '.join(scores) or 'nothing to compare'}",
     ]
-    faults, troubles = s["faults"], s["troubles"]
-    hit = f"people hit {s['people_hit']}, hit while standing {s['hit_while_standing']}"
-    lines[3:3] = [
-        *([f"  stood {len(faults)} times because of its cameras; the first: {faults[0]}"] if faults else []),
-        *([f"  stood because {'; '.join(troubles)}"] if troubles else []),
-        *([f"  places hit {s['collision_places']}, {hit}"] if s["collisions"] else []),
-    ]
+    if s["faults"]:
+        lines.append(f"  stood {len(s['faults'])} times because of its cameras; the first: {s['faults'][0]}")
+    if s["troubles"]:
+        lines.append(f"  stood because {'; '.join(s['troubles'])}")
+    if result.ndt_cells is not None and s["pose_error"]:
+        labels = {"believed": "dead reckoning", "located": "corrected"}
+        errors = {label: s["pose_error"][name] for name, label in labels.items()}
+        words = [f"{label} {e['end_m']:.2f} m and {e['end_degrees']:.1f} degrees" for label, e in errors.items()]
+        lines.append(f"  error of the pose at the end: {', '.join(words)}")
+    lines.append(f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms")
     return "\n".join(lines)

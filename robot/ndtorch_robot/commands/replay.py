@@ -75,15 +75,13 @@ class Replay:
     def shown(self, recording: Recording) -> Comparison:
         from ndtorch_robot.ports import print_note
         from ndtorch_robot.recording import make_runner, replay
-        from ndtorch_robot.view import ViewSteps, Where, layout, open_stream, start_view
+        from ndtorch_robot.view import View, Where, open_stream
 
         runner = make_runner(recording.configuration, mapping=True)
-        where = Where(self.rrd, self.view, self.view_at)
-        stream = open_stream(f"replay {self.file.stem}", where, layout())
-        view = start_view(stream, runner, print_note, wait=True)
-        observer = ViewSteps(view, "replay")
+        stream = open_stream(f"replay {self.file.stem}", Where(self.rrd, self.view, self.view_at))
+        view = View(stream, runner, print_note, wait=True, title="replay")
         try:
-            return replay(recording, runner, [observer], observer.report)
+            return replay(recording, runner, [view], view.report)
         finally:
             view.close()
 

@@ -81,13 +81,12 @@ class Run:
                 recorder = stack.enter_context(Recorder(self.record, car.runner, report=report))
                 car.observers.append(recorder)
             if stream is not None:
-                from ndtorch_robot.view import ViewSteps, start_view
+                from ndtorch_robot.view import View
 
-                view = start_view(stream, car.runner, printed)
+                view = View(stream, car.runner, printed)
                 stack.callback(view.close)
-                observer = ViewSteps(view)
-                car.observers.append(observer)
-                reports.append(observer.report)
+                car.observers.append(view)
+                reports.append(view.report)
             if folder is not None:
                 car.observers.append(path)
             opening = Opening(report, car.runner, config.link)
@@ -123,9 +122,9 @@ class Run:
         where = (self.rrd, self.view, self.view_at)
         if not any(where):
             return None
-        from ndtorch_robot.view import Where, layout, open_stream
+        from ndtorch_robot.view import Where, open_stream
 
-        return open_stream(f"run {self.config.stem}", Where(*where), layout())
+        return open_stream(f"run {self.config.stem}", Where(*where))
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:

@@ -6,10 +6,8 @@ import hashlib
 import json
 import sys
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import closing
-from itertools import product
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -20,15 +18,6 @@ from ndtorch.utils.packages import code_digest
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.ports import Step
 
-IRRELEVANT = {"out", "rrd", "view", "full_frames"}
-"""Keys that change nothing in a drive."""
-
-CODE = ("ndtorch", "ndtorch_robot")
-"""The code that a drive runs through."""
-
-PACKAGES = ("torch", "numpy")
-"""What else draws and counts in it."""
-
 REPORT_EVERY = 0.5
 """Seconds between two reports of a worker."""
 
@@ -37,60 +26,40 @@ Summary = dict[str, Any]
 Job = TypeVar("Job")
 
 
-def all_drives(
-    base: DriveConfig,
-    arenas: tuple[str, ...],
-    walls: tuple[str, ...],
-    controllers: tuple[str, ...],
-    seeds: list[int],
-    disturbances: tuple[str, ...] | None = None,
-) -> list[DriveConfig]:
-    """Every combination, once; the seeds vary fastest."""
-    given = (base.disturbance,) if disturbances is None else disturbances
-    combinations = dict.fromkeys(product(arenas, walls, given, controllers, seeds))
-    names = ("arena", "walls", "disturbance", "controller", "seed")
-    return [base.model_copy(update=dict(zip(names, values, strict=True))) for values in combinations]
-
-
 def key_of(config: DriveConfig, code: str) -> str:
     """Name of the result of a drive: the same for the same parameters, building and code."""
-    values = config.model_dump(mode="json", exclude=IRRELEVANT)
+    values = config.model_dump(mode="json", exclude={"out", "rrd", "view", "full_frames"})
     text = read_text(config.arena) if config.arena.endswith(".toml") else ""
     return hashlib.sha256(json.dumps([values, text, code], sort_keys=True).encode()).hexdigest()[:16]
 
 
-class ResultCache(ABC, Generic[Job]):
-    """Results of finished drives, one file each, so that many drives can go on where they were stopped."""
+class ResultCache(Generic[Job]):
+    """Results of finished drives, one file each, so that many drives can go on where they were stopped.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.code = folder, code_digest(CODE, PACKAGES)
+    Args:
+        folder: of the files.
+        name: of the result of a job and a hash of the code: the same for the same parameters and code.
+    """
 
-    @abstractmethod
+    def __init__(self, folder: Path, name: Callable[[Job, str], str]) -> None:
+        self.folder, self.name_of = folder, name
+        self.code = code_digest(("ndtorch", "ndtorch_robot"), ("torch", "numpy"))
+
     def name(self, job: Job) -> str:
-        """Name of the result: the same for the same parameters and code."""
+        return self.name_of(job, self.code)
 
-    def file(self, job: Job) -> Path:
-        return self.folder / f"{self.name(job)}.json"
-
-    def get(self, job: Job) -> dict[str, Any] | None:
+    def get(self, job: Job) -> Summary | None:
+        """The result that was kept; None without a file that can be read."""
         try:
-            found = json.loads(read_text(self.file(job), TABLE_BYTES))
+            result = json.loads(read_text(self.folder / f"{self.name(job)}.json", TABLE_BYTES))
         except (FileNotFoundError, ValueError, RecursionError):
             return None
-        return found if isinstance(found, dict) else None
+        return result if isinstance(result, dict) else None
 
     def put(self, job: Job, result: Summary) -> None:
         """Keep a result. The file is written beside and moved, so that there is never half of it."""
-        file = self.file(job)
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_text(file, json.dumps(result) + "\n")
-
-
-class DriveCache(ResultCache[DriveConfig]):
-    """Summaries of finished drives."""
-
-    def name(self, job: DriveConfig) -> str:
-        return key_of(job, self.code)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_text(self.folder / f"{self.name(job)}.json", json.dumps(result) + "\n")
 
 
 def processes_of(jobs: int) -> int:
@@ -113,11 +82,11 @@ def finish(
     from ndtorch.run.progress import progress_bar
 
     missing = [job for job in given if cache.get(job) is None]
-    made, troubles, left = [0.0] * len(missing), list[str](), len(missing)
+    made, troubles = [0.0] * len(missing), list[str]()
     if not missing:
         return []
     with (
-        progress_bar(sum(map(size, missing)), desc=f"{left} to go", **bar_options) as bar,
+        progress_bar(sum(map(size, missing)), desc=f"{len(missing)} to do", **bar_options) as bar,
         closing(workers.run_tasks(work, missing, processes)) as events,
     ):
         for kind, task, value in events:
@@ -133,8 +102,6 @@ def finish(
                 troubles.append(f"{name(job)}: {str(value).strip().splitlines()[-1]}")
             bar.update(reached - made[task])
             made[task] = reached
-            left -= kind in ("done", "failed")
-            bar.set_description_str(f"{left} to go")
     return troubles
 
 
@@ -147,12 +114,11 @@ def drive_once(config: DriveConfig, report: Callable[[float], None]) -> Summary:
     torch.set_num_threads(1)
     reported = time.monotonic()
 
-    def tell(step: Step) -> None:
+    def observe(step: Step) -> None:
         nonlocal reported
         now, made = time.monotonic(), (step.number + 1) / config.rate
         if now - reported > REPORT_EVERY or made >= config.seconds:
             reported = now
             report(made)
 
-    unseen = {"full_frames": False, "rrd": None, "view": False}
-    return drive(config.model_copy(update=unseen), [tell]).summary
+    return drive(config.model_copy(update={"full_frames": False, "rrd": None, "view": False}), [observe]).summary

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +11,7 @@ import torch
 
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.stereo.correspondence import MatchParams
-from ndtorch_robot.sim.plan import Floats, Plan, Point, Ring, away
-from ndtorch_robot.sim.simulation import Collision
+from ndtorch_robot.sim.plan import Floats, Plan, Ring, away
 from ndtorch_robot.sim.textures import ALONG
 
 NEAR = 0.10
@@ -21,9 +19,6 @@ NEAR = 0.10
 
 FAINTEST = 0.02
 """A peak of the map counts when it is at least this share of its largest."""
-
-SAME_PLACE = 0.5
-"""Metres: collisions nearer to the first at a place than this are at the same place."""
 
 REACH = 3
 """Cells around what the map holds that smoothing can reach, and one more."""
@@ -50,11 +45,11 @@ class MapScore(NamedTuple):
             edges, and is the measure of a map of places that were ranged all along walls.
     """
 
-    precision: float | None
-    recall: float | None
-    position_error_cm: float | None
-    spacing_error_percent: float | None
-    surfaces: float | None
+    precision: float | None = None
+    recall: float | None = None
+    position_error_cm: float | None = None
+    spacing_error_percent: float | None = None
+    surfaces: float | None = None
 
 
 class Edges(NamedTuple):
@@ -190,7 +185,7 @@ def score_map(
     """Compare a map with the truth."""
     edges = true_edges(plan, profiles, rig.camera_height)
     if float(cells.max()) <= 0:
-        return MapScore(None, None, None, None, None)
+        return MapScore()
     row, column = torch.nonzero(cells, as_tuple=True)
     mass = cells[row, column].double().numpy()
     places = torch.stack(grid.center(row, column), -1).double().numpy()
@@ -199,7 +194,7 @@ def score_map(
     seen = edges.places[visible(plan, edges, poses, rig, window=window)]
     tops = peaks(cells, grid)
     if not len(seen) or not len(tops):
-        return MapScore(precision, None, None, None, surfaces)
+        return MapScore(precision, surfaces=surfaces)
     error = nearest(seen, tops)
     found = error <= NEAR
     position = float(np.median(error[found])) * 100 if found.any() else None
@@ -227,22 +222,3 @@ def spacing_error(plan: Plan, tops: Floats) -> float | None:
 def coverage(free: Floats, path: Floats, reach: float = 1.0) -> float:
     """Share of the free places `[N, 2]` that the car came within `reach` metres of."""
     return float((nearest(free, path[::10]) <= reach).mean())
-
-
-def collision_places(collisions: Sequence[Collision]) -> list[Point]:
-    """The places at which there was a collision, each where the first one was."""
-    found: list[Point] = []
-    for hit in collisions:
-        if all(math.dist((hit.x, hit.y), place) > SAME_PLACE for place in found):
-            found.append((hit.x, hit.y))
-    return found
-
-
-def collision_summary(collisions: Sequence[Collision]) -> dict[str, object]:
-    """For `summary.json`: how many collisions there were, at how many places, and with whom."""
-    return {
-        "collisions": len(collisions),
-        "collision_places": len(collision_places([hit for hit in collisions if not hit.person])),
-        "people_hit": sum(hit.person and not hit.stationary for hit in collisions),
-        "hit_while_standing": sum(hit.stationary for hit in collisions),
-    }

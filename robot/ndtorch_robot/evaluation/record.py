@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.navigation import NavigatorState, StereoRig, Strips
+from ndtorch.navigation import StereoRig, Strips
 from ndtorch_robot.navigator_runner import NavigatorRunner
-from ndtorch_robot.ports import DriveCommand, Observer, Step, StereoFrames
+from ndtorch_robot.ports import DriveCommand, Step
 
 KEPT_ROWS = 900
 """Frames whose rows are kept for the space-time plot: the first half minute."""
@@ -20,13 +19,16 @@ Floats = npt.NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 
-@dataclass
 class Record:
-    """Lists that grow by one entry a frame; `array` makes them arrays.
+    """An observer that keeps every step in which the navigator was asked; `array` makes its lists arrays.
+
+    Args:
+        runner: of the car.
+        true_pose: for the scorer.
 
     Attributes:
         time: s.
-        pose: true x, y, heading, for the scorer.
+        pose: true x, y, heading.
         believed: the same by dead reckoning.
         located: the same as corrected by the localiser; by dead reckoning where there is none.
         command: speed and curvature sent.
@@ -38,61 +40,48 @@ class Record:
         placed: numbers of the frames before which the car was moved to another place; the first is the start.
     """
 
-    time: list[float] = field(default_factory=list)
-    pose: list[tuple[float, float, float]] = field(default_factory=list)
-    believed: list[tuple[float, float, float]] = field(default_factory=list)
-    located: list[tuple[float, float, float]] = field(default_factory=list)
-    command: list[DriveCommand] = field(default_factory=list)
-    sides: list[Floats] = field(default_factory=list)
-    difference: list[float] = field(default_factory=list)
-    mode: list[int] = field(default_factory=list)
-    ranges: list[npt.NDArray[np.float32]] = field(default_factory=list)
-    rows: list[npt.NDArray[np.uint8]] = field(default_factory=list)
-    placed: list[int] = field(default_factory=list)
+    def __init__(self, runner: NavigatorRunner, true_pose: Callable[[], Pose]) -> None:
+        self.runner, self.true_pose = runner, true_pose
+        self.time: list[float] = []
+        self.pose: list[Pose] = []
+        self.believed: list[Pose] = []
+        self.located: list[Pose] = []
+        self.command: list[DriveCommand] = []
+        self.sides: list[Floats] = []
+        self.difference: list[float] = []
+        self.mode: list[int] = []
+        self.ranges: list[npt.NDArray[np.float32]] = []
+        self.rows: list[npt.NDArray[np.uint8]] = []
+        self.placed: list[int] = []
 
-    def add(
-        self,
-        frames: StereoFrames,
-        state: NavigatorState,
-        mode: int,
-        command: DriveCommand,
-        pose: tuple[float, float, float],
-        rig: StereoRig,
-    ) -> None:
+    def __call__(self, step: Step) -> None:
+        frames, state = step.frames, step.state
+        if step.placed is not None:
+            self.placed.append(len(self.time))
+        if frames is None or state is None:
+            return
         self.time.append(frames.time)
-        self.pose.append(pose)
-        for poses, pose_ in ((self.believed, state.pose), (self.located, state.place)):
-            poses.append((float(pose_.x), float(pose_.y), float(pose_.heading)))
-        self.command.append(command)
+        self.pose.append(self.true_pose())
+        for poses, pose in ((self.believed, state.pose), (self.located, state.place)):
+            poses.append((float(pose.x), float(pose.y), float(pose.heading)))
+        self.command.append(step.sent)
         self.sides.append(np.asarray(state.sides, np.float64))
         self.difference.append(float(state.difference))
-        self.mode.append(mode)
+        self.mode.append(self.runner.mode())
         r = state.ranges
-        found = (r.left_range, r.left_angle, r.right_angle, r.valid)
-        self.ranges.append(np.stack(found).astype(np.float32))
+        self.ranges.append(np.stack((r.left_range, r.left_angle, r.right_angle, r.valid)).astype(np.float32))
         if len(self.rows) < KEPT_ROWS:
-            self.rows.append(np.stack([grey_row(frame, rig) for frame in (frames.left, frames.right)]))
-
-    def observer(self, runner: NavigatorRunner, pose: Callable[[], Pose]) -> Observer:
-        """Keeps every step in which the navigator was asked."""
-
-        def keep(step: Step) -> None:
-            if step.placed is not None:
-                self.placed.append(len(self.time))
-            if step.frames is not None and step.state is not None:
-                self.add(step.frames, step.state, runner.mode(), step.sent, pose(), runner.rig)
-
-        return keep
+            self.rows.append(np.stack([grey_row(frame, self.runner.rig) for frame in (frames.left, frames.right)]))
 
     def array(self, name: str) -> Floats:
-        return np.array(getattr(self, name), dtype=np.float64)
+        """One of the lists; poses are `[T, 3]`."""
+        values = np.array(getattr(self, name), dtype=np.float64)
+        return values.reshape(-1, 3) if name in ("pose", "believed", "located") else values
 
     @property
     def turns(self) -> int:
         """Number of turns begun ahead: a curve after a straight, or after one to the other side."""
-        if not self.command:
-            return 0
-        speed, curvature = self.array("command").T
+        speed, curvature = self.array("command").reshape(-1, 2).T
         side = np.where(speed > 0, np.sign(curvature), 0.0)
         return int(((side != 0) & (side != np.concatenate(([0.0], side[:-1])))).sum())
 
@@ -117,6 +106,7 @@ def pose_error(poses: Floats, true: Floats) -> tuple[Floats, Floats]:
 
 
 def grey_row(frame: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
+    """The row of a frame that is ranged, `[W]`."""
     row = frame.row if isinstance(frame, Strips) else frame[..., rig.row : rig.row + 1, :]  # type: ignore[index]
     grey: npt.NDArray[np.uint8] = np.rint(row[0, :, 0].numpy().mean(0, dtype=np.float32)).astype(np.uint8)
     return grey
@@ -124,9 +114,6 @@ def grey_row(frame: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
 
 def range_columns(ranges: npt.NDArray[np.float32], rig: StereoRig, linear: bool) -> tuple[Floats, Floats]:
     """Columns at which ranged features were seen in the left and the right row; NaN where there was none."""
-    columns = []
-    for part in (1, 2):
-        angle = ranges[:, part].astype(np.float64)
-        position = angle / rig.pixel_angle if linear else np.tan(angle) * rig.focal
-        columns.append(np.where(ranges[:, 3] > 0, rig.center[0] - position, math.nan))
-    return columns[0], columns[1]
+    angles = [ranges[:, part].astype(np.float64) for part in (1, 2)]
+    left, right = (rig.center[0] - (a / rig.pixel_angle if linear else np.tan(a) * rig.focal) for a in angles)
+    return np.where(ranges[:, 3] > 0, left, math.nan), np.where(ranges[:, 3] > 0, right, math.nan)

@@ -1,0 +1,382 @@
+"""A car in the rerun viewer, as it drives, from a recording, or into a file. Only this module of the robot knows rerun.
+
+Entities: `cameras/left` and `cameras/right` (JPEG, with `fields` and `features`; strips are drawn where they were
+read), `speeds`, `command/speed` and `command/curvature` (wanted, sent, applied), `board/battery`, `car` and `events`
+(text), and `floor` (y up: drawn at -y) with `walls` where a plan is known, `path`, `believed`, `car` and `map`. Where
+the true pose is known, `path` and `car` are the true ones and `believed` is the path by dead reckoning.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import math
+import os
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Grid, NavigatorState, Rect, StereoRig, Strips
+from ndtorch.report.recording import end_stream, import_rerun
+from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.ports import Report, Step
+from ndtorch_robot.sim.plan import Plan
+
+Pose = tuple[float, float, float]
+
+LOCALHOST, PORT = "127.0.0.1", 9876
+"""The port of a server, unless another is given: the one that viewers try first."""
+
+SERVER_MEMORY = "256MB"
+"""What a server keeps for viewers that connect later. The oldest data are dropped."""
+
+START_TIMEOUT, CLOSE_TIMEOUT = 10.0, 5.0
+"""Seconds to wait for the viewer or server, and at the end for what has not been shown yet."""
+
+QUEUE, PICTURES_PER_SECOND, MAP_EVERY = 30, 10, 2.0
+"""Steps that may wait, pairs of frames a second that are shown, and seconds between two maps."""
+
+STRIDE, STROKE = 0.1, 10
+"""Metres between two points of a path, which is written anew every so many points."""
+
+FAINT, CELLS = 0.04, 20_000
+"""Cells of the map are shown from this part of the largest on, and so many at most, the strongest ones."""
+
+UNREAD, THICK = 40, 4
+"""Grey of what is not in the strips, and rows above and below a row that is read alone, so that it can be seen."""
+
+BLUE, RED, GREY, YELLOW, PURPLE, GREEN = (
+    (0, 114, 178), (213, 94, 0), (90, 90, 90), (240, 228, 66), (204, 121, 167), (0, 158, 115),
+)  # fmt: skip
+
+
+class Where(NamedTuple):
+    """Where a view goes.
+
+    Attributes:
+        file: a `.rrd` file.
+        window: the viewer, on this screen; it listens at 127.0.0.1 only.
+        address: `ADDRESS` or `ADDRESS:PORT` at which a server listens for viewers.
+    """
+
+    file: Path | None = None
+    window: bool = False
+    address: str | None = None
+
+
+def open_stream(name: str, where: Where, plan: Plan | None = None) -> Any:
+    """A rerun stream with its sinks.
+
+    Call it before the program asks for real-time priority: what it starts would go before the loop as well.
+
+    Raises:
+        InputError: rerun is not installed, the file cannot be written, or the viewer or server does not open.
+    """
+    rr = import_rerun()
+    stream: Any = rr.RecordingStream(f"ndtorch {name}")
+    sinks = []
+    try:
+        if where.file is not None:
+            where.file.parent.mkdir(parents=True, exist_ok=True)
+            where.file.touch()
+            sinks.append(rr.FileSink(str(where.file)))
+        if where.window:
+            with socket.socket() as free:
+                free.bind((LOCALHOST, 0))
+                port = free.getsockname()[1]
+            failure = "the rerun viewer does not open (has this machine a screen?): use --rrd FILE instead of --view"
+            start_rerun(["--hide-welcome-screen"], LOCALHOST, port, failure)
+            sinks.append(rr.GrpcSink(f"rerun+http://{LOCALHOST}:{port}/proxy"))
+        if where.address is not None:
+            sinks.append(rr.GrpcSink(open_server(where.address)))
+        stream.set_sinks(*sinks, default_blueprint=layout(plan))
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"cannot write the recording {where.file}: {error}") from None
+    return stream
+
+
+def open_server(address: str) -> str:
+    """Start a server for viewers elsewhere, which ends with this program; returns the address to send to."""
+    host, _, given = address.partition(":")
+    port = int(given or PORT) if (given or "0").isdigit() else 0
+    if not host or not 0 < port < 65536:
+        raise InputError(f"--view-at must be ADDRESS or ADDRESS:PORT, as 0.0.0.0:{PORT}, got {address!r}")
+    try:
+        with socket.create_server((host, port)):
+            pass
+    except OSError as error:
+        raise InputError(f"--view-at {address}: cannot listen there ({error.strerror})") from None
+    options = ["--serve-grpc", "--server-memory-limit", SERVER_MEMORY]
+    server = start_rerun(options, host, port, f"--view-at {address}: the rerun server does not start")
+    atexit.register(end_rerun, server)
+    return f"rerun+http://{LOCALHOST if host == '0.0.0.0' else host}:{port}/proxy"
+
+
+def start_rerun(options: list[str], host: str, port: int, failure: str) -> subprocess.Popen[bytes]:
+    """Start rerun in a process of its own and wait until it listens; raises `InputError` with `failure`."""
+    command = [sys.executable, "-m", "rerun", "--bind", host, "--port", str(port), *options]
+    viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    until = time.monotonic() + START_TIMEOUT
+    while time.monotonic() < until and viewer.poll() is None:
+        with socket.socket() as line:
+            line.settimeout(0.2)
+            if line.connect_ex((LOCALHOST if host == "0.0.0.0" else host, port)) == 0:
+                return viewer
+        time.sleep(0.1)
+    end_rerun(viewer)
+    raise InputError(failure)
+
+
+def end_rerun(viewer: subprocess.Popen[bytes]) -> None:
+    """End a viewer or server with all its processes: what was started only starts the program."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(viewer.pid, signal.SIGTERM)
+
+
+class View:
+    """An observer of the loop that shows a car, in a thread of its own.
+
+    The loop never waits: frames are left out when the view is slow, and when it is slower still, steps are dropped and
+    counted. When showing fails it is over, which is reported once, and the car drives on.
+
+    Args:
+        stream: of `open_stream`.
+        runner: whose steps are shown.
+        report: called when showing ends before it should.
+        wait: wait for room instead, for a replay or a simulated drive.
+        plan: of the building, where it is known.
+        title: what is driven, where it is not a car now.
+        truth: the true pose, where it is known.
+
+    Attributes:
+        shown, dropped: steps so far.
+        failed: why showing has ended, or nothing.
+    """
+
+    def __init__(
+        self,
+        stream: Any,
+        runner: NavigatorRunner,
+        report: Report | None = None,
+        wait: bool = False,
+        plan: Plan | None = None,
+        title: str = "",
+        truth: Callable[[], Pose] | None = None,
+    ) -> None:
+        self.rr, self.stream, self.runner, self.wait = import_rerun(), stream, runner, wait
+        self.on_failure, self.title, self.truth = report or (lambda line: None), title, truth
+        self.queue: queue.Queue[tuple[float, Step, tuple[str, ...], Pose | None] | None] = queue.Queue(QUEUE)
+        self.shown = self.dropped = 0
+        self.failed, self.words, self.lines = "", "", list[str]()
+        self.start: float | None = None
+        self.next_picture = self.next_map = 0.0
+        self.paths: dict[str, list[list[tuple[float, float]]]] = {"path": [[]], "believed": [[]]}
+        self.levels = dict(runner.navigator.controller.trace.lines())
+        self.log_fixed(plan)
+        self.thread = threading.Thread(target=self.run, name="view", daemon=True)
+        self.thread.start()
+
+    def report(self, line: str) -> None:
+        """Show a line with the next step. From any thread."""
+        self.lines.append(line)
+
+    def __call__(self, step: Step) -> None:
+        self.start = step.time if self.start is None else self.start
+        now, busy = step.time - self.start, self.queue.qsize() > QUEUE // 3 and not self.wait
+        if now < self.next_picture - 1e-6 or busy:
+            step = step._replace(frames=None)
+        else:
+            self.next_picture = max(self.next_picture, now - 0.5 / PICTURES_PER_SECOND) + 1 / PICTURES_PER_SECOND
+        lines, self.lines = tuple(self.lines), []
+        item = (now, step, lines, None if self.truth is None else self.truth())
+        while not self.failed:
+            try:
+                return self.queue.put(item, timeout=0.1) if self.wait else self.queue.put_nowait(item)
+            except queue.Full:
+                if not self.wait:
+                    break
+        self.dropped += 1
+
+    def run(self) -> None:
+        try:
+            while (item := self.queue.get()) is not None:
+                self.show(*item)
+                self.shown += 1
+            for name in self.paths:
+                self.log_path(name)
+            end_stream(self.stream, patience=3.0)
+        except Exception as error:  # whatever it is, driving goes on
+            self.fail(f"the view has ended: {' '.join(f'{type(error).__name__}: {error}'.split())}")
+
+    def fail(self, why: str) -> None:
+        self.failed = why
+        self.on_failure(why)
+
+    def close(self, patience: float = CLOSE_TIMEOUT) -> None:
+        """Show what is waiting, but for so many seconds at most: a viewer that hangs is left behind."""
+        if not self.failed:
+            try:
+                self.queue.put(None, timeout=patience)
+            except queue.Full:
+                patience = 0.0
+        self.thread.join(patience)
+        if self.thread.is_alive() and not self.failed:
+            self.fail("the viewer takes nothing: left behind")
+
+    def log_fixed(self, plan: Plan | None) -> None:
+        rr, log = self.rr, self.stream.log
+        for side, field, color in zip(("left", "right"), self.runner.fields, (BLUE, RED), strict=True):
+            size = (field.right - field.left, field.bottom - field.top)
+            box = rr.Boxes2D(mins=[(field.left, field.top)], sizes=[size], colors=[color])
+            log(f"cameras/{side}/fields", box, static=True)
+        commands = rr.SeriesLines(colors=[GREY, BLUE, RED], names=["wanted", "sent", "applied"])
+        names = ["left", "right", "difference", *self.levels]
+        colors = [BLUE, RED, YELLOW] + [GREY] * len(self.levels)
+        log("speeds", rr.SeriesLines(colors=colors, names=names), static=True)
+        log("command/speed", commands, static=True)
+        log("command/curvature", commands, static=True)
+        log("board/battery", rr.SeriesLines(colors=[GREEN], names=["battery, V"]), static=True)
+        if plan is not None:
+            walls = [np.concatenate((r.array, r.array[:1])) * (1, -1) for r in plan.rings]
+            log("floor/walls", rr.LineStrips2D(walls, colors=[GREY], radii=0.02), static=True)
+
+    def show(self, now: float, step: Step, lines: tuple[str, ...], truth: Pose | None) -> None:
+        rr, log, state, speeds = self.rr, self.stream.log, step.state, [math.nan] * 3
+        self.stream.set_time("time", duration=now)
+        for line in lines:
+            log("events", rr.TextLog(line, level="WARN" if "stopped" in line else "INFO"))
+        words = self.describe(step)
+        if words != self.words:
+            self.words = words
+            log("car", rr.TextDocument(words, media_type="text/markdown"))
+        if step.frames is not None:
+            for side, frame, field in zip(("left", "right"), step.frames[:2], self.runner.fields, strict=True):
+                picture = whole_frame(frame, field, self.runner.rig)[..., ::-1]
+                _, data = cv2.imencode(".jpg", np.ascontiguousarray(picture), [cv2.IMWRITE_JPEG_QUALITY, 75])
+                log(f"cameras/{side}", rr.EncodedImage(contents=data.tobytes(), media_type="image/jpeg"))
+                points = np.zeros((0, 2)) if state is None else feature_pixels(state, side, self.runner.rig)
+                log(f"cameras/{side}/features", rr.Points2D(points, colors=[YELLOW], radii=5.0))
+        if state is not None:
+            speeds = [*map(float, state.sides), float(state.difference)]
+            self.log_pose(state, step.placed is not None, truth)
+            if self.runner.grid is not None and state.map is not None and now >= self.next_map:
+                self.next_map = now + MAP_EVERY
+                points, colors = strongest_cells(self.runner.grid, state.map.cells)
+                log("floor/map", rr.Points2D(points, colors=colors, radii=-1.2))
+        commands = (step.wanted, step.sent, step.driven)
+        log("speeds", rr.Scalars([*speeds, *self.levels.values()]))
+        log("command/speed", rr.Scalars([command.speed for command in commands]))
+        log("command/curvature", rr.Scalars([command.curvature for command in commands]))
+        log("board/battery", rr.Scalars([float(step.telemetry.get("battery_v") or math.nan)]))
+
+    def log_pose(self, state: NavigatorState, carried: bool, truth: Pose | None) -> None:
+        x, y, heading = (float(value) for value in state.pose)
+        poses = {"path": (x, y)} if truth is None else {"path": truth[:2], "believed": (x, y)}
+        for name, place in poses.items():
+            strips = self.paths[name]
+            if carried:
+                strips.append([])
+            if not strips[-1] or math.dist(strips[-1][-1], place) >= STRIDE:
+                strips[-1].append(place)
+                if len(strips[-1]) % STROKE == 0:
+                    self.log_path(name)
+        x, y, heading = truth or (x, y, heading)
+        vector = (0.45 * math.cos(heading), -0.45 * math.sin(heading))
+        self.stream.log("floor/car", self.rr.Arrows2D(origins=[(x, -y)], vectors=[vector], colors=[GREEN], radii=0.06))
+
+    def log_path(self, name: str) -> None:
+        strips = [np.array(strip) * (1, -1) for strip in self.paths[name] if len(strip) > 1]
+        if strips:
+            color = BLUE if name == "path" else PURPLE
+            self.stream.log(f"floor/{name}", self.rr.LineStrips2D(strips, colors=[color], radii=-1.0))
+
+    def describe(self, step: Step) -> str:
+        """The state of the car in words."""
+        board, lines = step.telemetry, [f"# STANDS\n{step.standing}" if step.standing else "# DRIVES"]
+        if board:
+            volts, faults = board.get("battery_v"), ", ".join(board.get("faults", ())) or "none"
+            armed = "armed" if board.get("armed") else "not armed"
+            battery = f"{volts:.1f} V" if volts else "not measured"
+            refused = f"{board.get('rejected', 0)} frames refused"
+            lines.append(f"board {armed}, faults: {faults}; battery {battery}, {refused}")
+        dropped = f"{self.dropped} steps not shown" if self.dropped else ""
+        return "\n\n".join(filter(None, (*lines, self.title, dropped)))
+
+
+def whole_frame(frame: Tensor | Strips, field: Rect, rig: StereoRig) -> npt.NDArray[np.uint8]:
+    """A frame `[1, C, H, W]` as `[H, W, 3]` uint8, or strips in their places, where the row is drawn thicker."""
+
+    def pixels(part: Tensor) -> npt.NDArray[np.uint8]:
+        bytes_ = part if part.dtype == torch.uint8 else (part.clamp(0, 1) * 255).round().byte()
+        return bytes_[0].permute(1, 2, 0).numpy()
+
+    if isinstance(frame, Tensor):
+        return pixels(frame)
+    whole = np.full((rig.height, rig.width, 3), UNREAD, np.uint8)
+    whole[max(0, rig.row - THICK) : rig.row + THICK + 1] = pixels(frame.row)
+    whole[field.top : field.bottom, field.left : field.right] = pixels(frame.field)
+    return whole
+
+
+def feature_pixels(state: NavigatorState, side: str, rig: StereoRig) -> npt.NDArray[np.float64]:
+    """Where ranged features are in the image of one side, `[n, 2]`."""
+    ranges = state.ranges
+    angles = np.asarray(ranges.left_angle if side == "left" else ranges.right_angle, np.float64)
+    columns = rig.center[0] - np.tan(angles[np.asarray(ranges.valid, bool)]) * rig.focal
+    return np.stack((columns + 0.5, np.full(len(columns), rig.row + 0.5)), -1)
+
+
+def strongest_cells(grid: Grid, cells: Tensor) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8]]:
+    """Places and colors of the strongest cells of a map with its margin, `[n, 2]` and `[n, 3]`."""
+    inner = grid.inner(cells)
+    largest = inner.max().clamp_min(1e-9)
+    row, column = (inner > FAINT * largest).nonzero(as_tuple=True)
+    value, strongest = inner[row, column].topk(min(CELLS, len(row)))
+    x, y = grid.center(row[strongest], column[strongest])
+    certain = (value / largest).clamp(0, 1).sqrt().numpy()[:, None]
+    colors = (np.array([250, 190, 120]) + certain * np.array([-80, -170, -100])).astype(np.uint8)
+    return np.stack((x.numpy(), -y.numpy()), -1), colors
+
+
+def layout(plan: Plan | None = None) -> Any:
+    """Cameras on top, the floor below them, and the state of the car, its speeds and commands beside it."""
+    import rerun.blueprint as rrb
+
+    bounds = None
+    if plan is not None:
+        left, right, bottom, top = plan.bounds
+        bounds = rrb.VisualBounds2D(x_range=(left - 0.6, right + 0.6), y_range=(-top - 0.6, -bottom + 0.6))
+    cameras = [rrb.Spatial2DView(origin=f"cameras/{side}", name=f"{side} camera") for side in ("left", "right")]
+    white = (255, 255, 255)
+    floor = rrb.Spatial2DView(origin="floor", name="path and map (m)", background=white, visual_bounds=bounds)
+    words = rrb.Horizontal(
+        rrb.TextDocumentView(origin="car", name="car"), rrb.TextLogView(origin="events", name="events")
+    )
+    names = {"speed": "speed (m/s)", "curvature": "curvature (1/m)"}
+    commands = [rrb.TimeSeriesView(origin=f"command/{key}", name=name) for key, name in names.items()]
+    motion = rrb.TimeSeriesView(origin="speeds", name="speed of the image beside the path")
+    battery = rrb.TimeSeriesView(origin="board", name="battery (V)")
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(rrb.Horizontal(*cameras), floor, row_shares=[2, 3]),
+            rrb.Vertical(words, rrb.Horizontal(*commands), rrb.Horizontal(motion, battery), row_shares=[2, 3, 3]),
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
+        auto_views=False,
+    )
