@@ -13,9 +13,8 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Rect, StereoRig, Strips
-from ndtorch.navigation.stereo.calibration_files import PairCamera, StereoCalibration, stereo_calibration
+from ndtorch.navigation.stereo.calibration_files import Image, PairCamera, StereoCalibration, stereo_calibration
 from ndtorch.utils.files import write_text
-from ndtorch_robot.cameras.source import Image
 
 Points = np.ndarray[Any, np.dtype[np.float32]]
 Matrix = np.ndarray[Any, np.dtype[np.float64]]

@@ -1,8 +1,7 @@
 """Two USB cameras, or files and streams in their place: opening, reading in threads, pairing by time."""
 
-from ndtorch_robot.cameras.pair import CamerasSilent, FramesEnded, StereoCameras, open_cameras
-from ndtorch_robot.cameras.pairing import Frame, Pair, Pairing, PairStatistics
-from ndtorch_robot.cameras.source import CameraSettings, Capture, camera_source, find_source, open_capture
+from ndtorch_robot.cameras.pair import CamerasSilent, Frame, FramesEnded, Pair, Pairing, StereoCameras, open_cameras
+from ndtorch_robot.cameras.source import CameraSettings, Capture, Source, camera_source, find_source, open_capture
 from ndtorch_robot.cameras.sources.v4l2 import Device, list_devices
 
 __all__ = [
@@ -13,8 +12,8 @@ __all__ = [
     "Frame",
     "FramesEnded",
     "Pair",
-    "PairStatistics",
     "Pairing",
+    "Source",
     "StereoCameras",
     "camera_source",
     "find_source",

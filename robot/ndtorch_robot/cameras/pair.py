@@ -4,27 +4,37 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Protocol
+from typing import NamedTuple
 
+import cv2
 import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Rect, StereoRig, Strips
+from ndtorch.navigation import Rect, StereoRig
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.stereo.calibration_files import load_calibration
-from ndtorch_robot.cameras.pairing import Frame, Pair, Pairing, PairStatistics
-from ndtorch_robot.cameras.reader import CameraReader, frame_rate
+from ndtorch_robot.calibration import Rectifier
 from ndtorch_robot.cameras.source import CameraSettings, Capture, Image, Opener, Source, find_source, open_capture
-from ndtorch_robot.cameras.sources.v4l2 import place_of
+from ndtorch_robot.cameras.sources.v4l2 import usb_place
 from ndtorch_robot.ports import Closing, StereoFrames
 
 SIDES = ("left", "right")
 
-FIRST_FRAME = 5.0
-"""Seconds within which a camera must give its first frame; some take two to switch on."""
+FIRST_FRAME_S = 5.0
+"""Time within which a camera must give its first frame; some take two seconds to switch on."""
+
+BACK_OFF_S = (0.2, 0.5, 1.0, 2.0)
+"""Pauses before each attempt to open a lost camera again; the last one repeats."""
+
+TRUSTED_S = 1.0
+"""Largest age of a driver's time that is believed."""
+
+KEPT = 3000
+"""Number of last frames and pairs whose times are kept."""
 
 
 class CamerasSilent(InputError):
@@ -35,12 +45,153 @@ class FramesEnded(InputError):
     """A file or folder has no more frames."""
 
 
-class Rectify(Protocol):
-    """Makes the strips that navigation reads out of two raw images."""
+class Frame(NamedTuple):
+    """One image of one camera.
 
-    def strips(self, left: Image, right: Image) -> tuple[Strips, Strips]:
-        """`Strips` of `[1, C, h, w]` uint8 of both eyes."""
-        ...
+    Attributes:
+        image: as OpenCV gives it.
+        time: when it was taken, s on the monotonic clock.
+        arrived: when it was decoded, s on the same clock.
+    """
+
+    image: Image
+    time: float
+    arrived: float
+
+
+class Pair(NamedTuple):
+    """Two frames of one moment."""
+
+    left: Frame
+    right: Frame
+
+    @property
+    def time(self) -> float:
+        """When the older one was taken: what is said about age is then never too good."""
+        return min(self.left.time, self.right.time)
+
+
+class Pairing:
+    """Pairs frames by their times, as they come.
+
+    Only the newest frame of each camera is kept. A frame is paired with the newest one of the other camera,
+    if that is still free and within the tolerance, so no frame is used twice.
+
+    Args:
+        tolerance: largest difference in time, s.
+
+    Attributes:
+        newest, free: the newest frame of each camera, and whether it has no partner yet.
+        frames, unpaired: number of frames of each camera, and of those that found no partner.
+        pairs: number of pairs.
+        skews: times of the right frame after the left one in the last pairs, s.
+        times: when the last frames of each camera were taken and arrived, s.
+    """
+
+    def __init__(self, tolerance: float) -> None:
+        self.tolerance = tolerance
+        self.newest: list[Frame | None] = [None, None]
+        self.free = [False, False]
+        self.frames, self.unpaired, self.pairs = [0, 0], [0, 0], 0
+        self.skews: deque[float] = deque(maxlen=KEPT)
+        self.times: tuple[deque[tuple[float, float]], ...] = (deque(maxlen=KEPT), deque(maxlen=KEPT))
+
+    def add(self, side: int, frame: Frame) -> Pair | None:
+        """A new frame of camera `side` (0 left, 1 right); returns the pair it makes, if it does."""
+        self.frames[side] += 1
+        self.unpaired[side] += self.free[side]
+        self.times[side].append((frame.time, frame.arrived))
+        self.newest[side], self.free[side] = frame, True
+        other = self.newest[1 - side]
+        if other is None or not self.free[1 - side] or abs(frame.time - other.time) > self.tolerance:
+            return None
+        self.free = [False, False]
+        pair = Pair(frame, other) if side == 0 else Pair(other, frame)
+        self.pairs += 1
+        self.skews.append(pair.right.time - pair.left.time)
+        return pair
+
+
+class CameraReader:
+    """Reads one source in a thread, and hands over every frame with the time at which it was taken.
+
+    A live camera that is lost is opened again, with growing pauses, until it is back or the reader is closed.
+    A file ends once.
+
+    Args:
+        source, settings, opener: what to open and how.
+        deliver: called with each frame, in the thread of the reader.
+
+    Attributes:
+        due: for files that play at their rate: when the next frame is due, s on the monotonic clock.
+        trouble: why there are no frames at present, or nothing.
+        ended: whether a file has no more frames.
+        frames, lost: number of frames, and of times that the camera was lost.
+    """
+
+    def __init__(
+        self, source: Source, settings: CameraSettings, opener: Opener, deliver: Callable[[Frame], None]
+    ) -> None:
+        self.source, self.settings, self.opener, self.deliver = source, settings, opener, deliver
+        self.capture: Capture | None = opener(source, settings)
+        self.due, self.period = 0.0, 1.0 / frame_rate(self.capture, source, settings)
+        self.trouble, self.ended, self.lost, self.frames = "", False, 0, 0
+        self.closed = threading.Event()
+        self.thread = threading.Thread(target=self.run, name=f"camera {source.name}", daemon=True)
+
+    def run(self) -> None:
+        try:
+            while not self.closed.is_set():
+                if not self.source.live:
+                    self.closed.wait(max(0.0, self.due - time.monotonic()))
+                if self.step():
+                    continue
+                self.release()
+                if not self.source.live:
+                    self.ended = True
+                    return
+                self.reopen()
+        except Exception as error:  # nobody sees what a thread dies of
+            self.trouble = f"its reader failed: {type(error).__name__}: {error}"
+        finally:
+            self.release()
+
+    def step(self) -> bool:
+        capture = self.capture
+        assert capture is not None
+        if not capture.grab():
+            return False
+        # A file is taken when it is due: one that is decoded too slowly gets old like a camera that lags.
+        taken = driver_time(capture, time.monotonic()) if self.source.live else self.due
+        good, image = capture.retrieve()
+        if not good or image is None:
+            return False
+        self.due, self.trouble, self.frames = self.due + self.period, "", self.frames + 1
+        self.deliver(Frame(image, taken, time.monotonic()))
+        return True
+
+    def reopen(self) -> None:
+        self.lost, self.trouble, attempt = self.lost + 1, "no more frames: unplugged, or stopped by the driver", 0
+        while not self.closed.wait(BACK_OFF_S[min(attempt, len(BACK_OFF_S) - 1)]):
+            attempt += 1
+            try:
+                self.capture = self.opener(self.source, self.settings)
+                return
+            except InputError as error:
+                self.trouble = str(error)
+
+    def release(self) -> None:
+        if self.capture is not None:
+            self.capture.release()
+            self.capture = None
+
+    def close(self, patience: float = 1.0) -> None:
+        """Stop. A driver that hangs is left to itself after `patience` seconds."""
+        self.closed.set()
+        if self.thread.is_alive():
+            self.thread.join(patience)
+        if not self.thread.is_alive():
+            self.release()
 
 
 class StereoCameras(Closing):
@@ -48,57 +199,55 @@ class StereoCameras(Closing):
 
     Each reading gives the newest pair that has not been read yet, and waits for it when it must. The time of a
     pair is that of its older frame. Frames are whole ones `[1, C, H, W]` uint8, red, green, blue, or with
-    `rectify` the corrected strips.
+    `rectify` the rectified strips.
 
     Args:
         settings: both sources, and what is wanted of them.
-        rectify: `ndtorch_robot.calibration.Rectifier`.
+        rectify: of `settings.calibration`; `open_cameras` makes it.
         opener: opens one source; for tests.
 
+    Attributes:
+        pairing: counts and times so far.
+        unread: number of pairs that a newer one replaced before anybody asked.
+
     Raises:
-        InputError: a source that cannot be opened or gives no frames or ones of another size, two files of
-            different length, or a calibration of another size.
+        InputError: a source that cannot be opened or gives no frames or ones of another size, or two folders of
+            different length.
     """
 
-    def __init__(self, settings: CameraSettings, rectify: Rectify | None = None, opener: Opener = open_capture) -> None:
+    def __init__(
+        self, settings: CameraSettings, rectify: Rectifier | None = None, opener: Opener = open_capture
+    ) -> None:
         self.settings, self.rectify = settings, rectify
-        if settings.calibration is not None and rectify is None:
-            raise InputError(f"cameras with calibration {settings.calibration} must be opened by open_cameras")
         self.sources = (find_source(settings.left), find_source(settings.right))
         if self.sources[0].live and self.sources[0].target == self.sources[1].target:
             raise InputError(f"left and right are the same camera, {settings.left}")
         self.changed = threading.Condition()
         self.pairing = Pairing(settings.tolerance_ms / 1e3)
         self.pair: Pair | None = None
-        self.count = self.seen = 0
+        self.unread, self.begun, live = 0, False, any(source.live for source in self.sources)
         self.played: list[Capture] = []
         self.readers: list[CameraReader] = []
-        self.begun = False
         try:
-            if settings.pace == "read" and not any(source.live for source in self.sources):
-                self.played = [opener(source, settings) for source in self.sources]
-                self.check_lengths(self.played)
+            if settings.pace == "read" and not live:
+                captures = self.played = [opener(source, settings) for source in self.sources]
             else:
-                self.start(opener)
+                for side, source in enumerate(self.sources):
+                    self.readers.append(CameraReader(source, settings, opener, partial(self.add, side)))
+                captures = [reader.capture for reader in self.readers if reader.capture is not None]
+            counts = [round(capture.get(cv2.CAP_PROP_FRAME_COUNT)) for capture in captures]
+            # What a video says of its length is not always true.
+            if all(source.kind == "folder" for source in self.sources) and counts[0] != counts[1]:
+                names = f"{counts[0]} in {settings.left} and {counts[1]} in {settings.right}"
+                raise InputError(f"left and right folder must hold as many images, got {names}")
+            if live:
+                self.begin(one_after_the_other=True)
         except BaseException:
             self.close()
             raise
 
-    def start(self, opener: Opener) -> None:
-        """Open both, and start the readers of cameras, the right one when the left one gives frames.
-
-        Files begin to play when they are first read: who reads may have to get ready before.
-        """
-        for side, source in enumerate(self.sources):
-            reader = CameraReader(source, self.settings, opener, partial(self.add, side))
-            self.readers.append(reader)
-        captures = [reader.capture for reader in self.readers if reader.capture is not None]
-        self.check_lengths(captures)
-        if any(source.live for source in self.sources):
-            self.begin(one_after_the_other=True)
-
     def begin(self, one_after_the_other: bool = False) -> None:
-        """Let the readers run; which camera does not come is told by one after the other."""
+        """Let the readers run. Files begin to play when they are first read: who reads may have to get ready before."""
         start = time.monotonic() + 0.05
         for side, reader in enumerate(self.readers):
             reader.due = start
@@ -107,49 +256,32 @@ class StereoCameras(Closing):
                 self.wait_for_first(side)
         self.begun = True
 
-    def check_lengths(self, captures: list[Capture]) -> None:
-        """Two folders must hold as many images; what a video says of its length is not always true."""
-        import cv2
-
-        counts = [round(capture.get(cv2.CAP_PROP_FRAME_COUNT)) for capture in captures]
-        if all(source.kind == "folder" for source in self.sources) and counts[0] != counts[1]:
-            raise InputError(
-                f"left and right folder must hold as many images, got {counts[0]} in {self.sources[0].name} "
-                f"and {counts[1]} in {self.sources[1].name}"
-            )
-
     def wait_for_first(self, side: int) -> None:
-        """Wait until a camera gives its first frame; its size is checked as it comes."""
+        """Wait until a camera gives its first frame."""
         reader = self.readers[side]
         with self.changed:
-            until = time.monotonic() + FIRST_FRAME
-            while self.pairing.newest[side] is None and not (reader.trouble or reader.ended):
-                if not self.changed.wait(min(0.1, max(0.0, until - time.monotonic()))) and time.monotonic() > until:
-                    break
+            self.changed.wait_for(
+                lambda: self.pairing.newest[side] is not None or reader.trouble or reader.ended, FIRST_FRAME_S
+            )
             frame = self.pairing.newest[side]
-        if frame is None:
-            raise InputError(self.no_first_frame(side))
-        self.check_image(side, frame.image)
-
-    def no_first_frame(self, side: int) -> str:
-        name = f"the {SIDES[side]} camera ({self.sources[side].name})"
-        if side == 1 and all(source.kind == "device" for source in self.sources):
-            places = [place_of(source.target) for source in self.sources]
-            if places[0] is not None and places[1] is not None and places[0].bus == places[1].bus:
-                return (
-                    f"{name} opens but gives no frame while the left one runs: both are on USB bus {places[0].bus} "
-                    f"({places[0].speed:g} Mbit/s), which has no room for two. Plug one of them into another bus "
-                    f"(`lsusb -t` shows them), or use fourcc MJPG, a smaller size or a lower rate"
-                )
-        return f"{name} opens but gives no frame ({self.readers[side].trouble or 'nothing for 5 s'})"
+        if frame is not None:
+            return self.check_image(side, frame.image)
+        places = [usb_place(source.target) for source in self.sources if source.kind == "device"]
+        hint = ""
+        if side == 1 and len(places) == 2 and places[0] and places[1] and places[0].bus == places[1].bus:
+            hint = (
+                f" while the left one runs: both are on USB bus {places[0].bus}, which has no room for two. Use another "
+                f"bus for one of them (`lsusb -t` shows them), fourcc MJPG, a smaller size or a lower rate"
+            )
+        why = reader.trouble or f"nothing for {FIRST_FRAME_S:g} s"
+        raise InputError(f"the {SIDES[side]} camera ({reader.source.name}) opens but gives no frame ({why}){hint}")
 
     def add(self, side: int, frame: Frame) -> None:
         with self.changed:
             pair = self.pairing.add(side, frame)
             if pair is not None:
-                if self.count > self.seen:
-                    self.pairing.statistics.unread += 1
-                self.pair, self.count = pair, self.count + 1
+                self.unread += self.pair is not None
+                self.pair = pair
             self.changed.notify_all()
 
     def read(self) -> StereoFrames:
@@ -160,7 +292,10 @@ class StereoCameras(Closing):
             FramesEnded: a file is at its end.
             InputError: frames of another size than was asked for.
         """
-        return self.convert(self.read_pair())
+        pair = self.read_pair()
+        if self.rectify is not None:
+            return StereoFrames(*self.rectify.strips(pair.left.image, pair.right.image), pair.time)
+        return StereoFrames(to_tensor(pair.left.image), to_tensor(pair.right.image), pair.time)
 
     def read_pair(self) -> Pair:
         """As `read`, but the two images as they came, with their times."""
@@ -172,16 +307,15 @@ class StereoCameras(Closing):
     def next_pair(self) -> Pair:
         if not self.begun:
             self.begin()
-        limit = self.settings.max_age_ms / 1e3
-        began = time.monotonic()
+        limit, began = self.settings.max_age_ms / 1e3, time.monotonic()
         with self.changed:
             while True:
                 now = time.monotonic()
-                if self.pair is not None and self.count > self.seen and now - self.pair.time <= limit:
-                    self.seen = self.count
-                    return self.pair
+                pair, self.pair = self.pair, None
+                if pair is not None and now - pair.time <= limit:
+                    return pair
                 for side, reader in enumerate(self.readers):
-                    if reader.ended and self.count == self.seen and not self.awaited(side):
+                    if reader.ended and not self.awaited(side):
                         raise FramesEnded(f"{SIDES[side]} {self.sources[side].name} ended after {reader.frames} frames")
                 if now - began >= limit:
                     raise CamerasSilent(self.silence(now))
@@ -196,60 +330,37 @@ class StereoCameras(Closing):
 
     def next_images(self) -> Pair:
         """The next frame of both files; the time is that of playing at their rate."""
-        images, number = [], self.count
+        number, frames = self.pairing.pairs, []
+        when = number / frame_rate(self.played[0], self.sources[0], self.settings)
         for side, capture in enumerate(self.played):
             good, image = capture.retrieve() if capture.grab() else (False, None)
             if not good or image is None:
                 raise FramesEnded(f"{SIDES[side]} {self.sources[side].name} ended after {number} frames")
-            images.append(image)
-        self.count = self.seen = number + 1
-        when = number / frame_rate(self.played[0], self.sources[0], self.settings)
-        left, right = (Frame(image, when, when) for image in images)
-        for side, frame in enumerate((left, right)):
-            self.pairing.add(side, frame)
-        return Pair(left, right)
+            frames.append(Frame(image, when, when))
+        self.pairing.add(0, frames[0])
+        self.pairing.add(1, frames[1])
+        return Pair(*frames)
 
     def silence(self, now: float) -> str:
-        reasons = []
-        limit = self.settings.max_age_ms / 1e3
+        reasons, limit, times = [], self.settings.max_age_ms / 1e3, []
         for side, reader in enumerate(self.readers):
             frame = self.pairing.newest[side]
-            age = now - frame.time if frame is not None else now
-            if reader.trouble or frame is None or age > limit:
-                since = "gave no frame yet" if frame is None else f"gave its last frame {1e3 * age:.0f} ms ago"
-                reasons.append(
-                    f"the {SIDES[side]} camera ({self.sources[side].name}) {since}"
-                    + (f": {reader.trouble}" if reader.trouble else "")
-                )
-        if reasons:
-            return "; ".join(reasons)
-        left, right = self.pairing.newest
-        assert left is not None
-        assert right is not None
-        return (
-            f"no pair of frames for {self.settings.max_age_ms:g} ms: both cameras give frames, the newest are "
-            f"{1e3 * abs(left.time - right.time):.0f} ms apart and {self.settings.tolerance_ms:g} ms are allowed"
+            times.append(0.0 if frame is None else frame.time)
+            if reader.trouble or frame is None or now - frame.time > limit:
+                age = "no frame yet" if frame is None else f"its last frame {1e3 * (now - frame.time):.0f} ms ago"
+                trouble = f": {reader.trouble}" if reader.trouble else ""
+                reasons.append(f"the {SIDES[side]} camera ({reader.source.name}) gave {age}{trouble}")
+        return "; ".join(reasons) or (
+            f"no pair of frames for {1e3 * limit:g} ms: both cameras give frames, the newest are "
+            f"{1e3 * abs(times[0] - times[1]):.0f} ms apart and {self.settings.tolerance_ms:g} ms are allowed"
         )
 
     def check_image(self, side: int, image: Image) -> None:
         """Raise `InputError` for a frame of another size."""
-        s = self.settings
-        if image.shape[:2] != (s.height_px, s.width_px):
-            raise InputError(
-                f"the {SIDES[side]} camera ({self.sources[side].name}) gives {image.shape[1]}x{image.shape[0]} frames, "
-                f"{s.width_px}x{s.height_px} are wanted"
-            )
-
-    def convert(self, pair: Pair) -> StereoFrames:
-        images = (pair.left.image, pair.right.image)
-        if self.rectify is not None:
-            left, right = self.rectify.strips(*images)
-            return StereoFrames(left, right, pair.time)
-        return StereoFrames(to_tensor(images[0]), to_tensor(images[1]), pair.time)
-
-    def statistics(self) -> PairStatistics:
-        with self.changed:
-            return self.pairing.statistics.copy()
+        wide, high = self.settings.width_px, self.settings.height_px
+        if image.shape[:2] != (high, wide):
+            size = f"{image.shape[1]}x{image.shape[0]} frames, {wide}x{high} are wanted"
+            raise InputError(f"the {SIDES[side]} camera ({self.sources[side].name}) gives {size}")
 
     def close(self) -> None:
         for reader in self.readers:
@@ -260,19 +371,34 @@ class StereoCameras(Closing):
             capture.release()
 
 
+def driver_time(capture: Capture, now: float) -> float:
+    """When the frame just grabbed was taken.
+
+    V4L2 stamps frames with the monotonic clock as they begin to arrive, and OpenCV passes that on as the
+    position in ms. Anything else is no such time, and then it is now.
+    """
+    stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
+    return stamp if now - TRUSTED_S < stamp <= now else now
+
+
+def frame_rate(capture: Capture, source: Source, settings: CameraSettings) -> float:
+    """Frames a second: what a file declares, where that makes sense."""
+    declared = 0.0 if source.live else capture.get(cv2.CAP_PROP_FPS)
+    return declared if 0 < declared <= 1000 else settings.rate_hz
+
+
 def to_tensor(image: Image) -> Tensor:
     """`[H, W, 3]` blue, green, red to `[1, 3, H, W]` red, green, blue; grey `[H, W]` to `[1, 1, H, W]`.
 
     The result is laid out as the image was: turning the planes inside out would cost more than navigation.
     """
-    import cv2
-
     if image.ndim == 2:
         return torch.from_numpy(image)[None, None]
     return torch.from_numpy(cv2.cvtColor(image, cv2.COLOR_BGR2RGB)).permute(2, 0, 1)[None]
 
 
 def probe_size(source: Source, settings: CameraSettings) -> tuple[int, int]:
+    """Width and height of the first frame of a source."""
     capture = open_capture(source, settings)
     try:
         good, image = capture.retrieve() if capture.grab() else (False, None)
@@ -304,8 +430,6 @@ def open_cameras(
     """
     if settings.calibration is None:
         return StereoCameras(settings, opener=opener), rig
-    from ndtorch_robot.calibration import Rectifier
-
     calibration = load_calibration(settings.calibration)
     draft = Rectifier(calibration, rig)
     rectifier = Rectifier(calibration, rig, (fields or NavigatorOptions().fields)(draft.rig))

@@ -28,31 +28,30 @@ class CameraSettings(Strict):
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     left: Annotated[str, Field(min_length=1)]
-    """The left camera is a device (/dev/v4l/by-path/..., /dev/video0 or a number), a video file, a folder of images, or
-    an address with ://."""
+    """Left camera: a device (/dev/v4l/by-path/..., /dev/video0 or a number), video file, folder of images, or address
+    with ://."""
     right: Annotated[str, Field(min_length=1)]
-    """The right camera is named like the left one."""
+    """Right camera, named like the left one."""
     width_px: int = Field(640, ge=16, le=8192)
-    """Frames have this width, in pixels."""
+    """Width of a frame, in pixels."""
     height_px: int = Field(480, ge=16, le=8192)
-    """Frames have this height, in pixels."""
+    """Height of a frame, in pixels."""
     rate_hz: float = Field(30.0, gt=0, le=1000)
-    """This frame rate is requested, in Hz, and folders play at it."""
+    """Frame rate that is requested, and at which folders play, in Hz."""
     fourcc: str = Field("MJPG", pattern=r"^[ -~]{4}$")
-    """This pixel format is requested; with MJPG two cameras fit on a USB 2 bus, with YUYV hardly ever."""
+    """Pixel format that is requested; with MJPG two cameras fit on a USB 2 bus, with YUYV hardly ever."""
     exposure_ms: Annotated[float, Field(gt=0, le=1000)] | None = 10.0
-    """The exposure is fixed to this time, in ms; 10 ms hides the flicker of lamps on 50 Hz mains, and without a value
-    it is automatic."""
+    """Fixed exposure, in ms; 10 ms hides the flicker of lamps on 50 Hz mains, and without a value it is automatic."""
     gain: Annotated[float, Field(ge=0)] | None = None
-    """The gain is fixed to this value, in units of the driver; without one the camera keeps its own."""
+    """Fixed gain, in units of the driver; without one the camera keeps its own."""
     tolerance_ms: float = Field(16.0, gt=0, le=1000)
-    """The two frames of a pair differ in time by at most this, in ms."""
+    """Largest difference in time of the two frames of a pair, in ms."""
     max_age_ms: float = Field(100.0, gt=0, le=10000)
-    """Reading waits for a pair for at most this time, in ms, and none is older."""
+    """Longest wait for a pair, and largest age of one, in ms."""
     calibration: Path | None = None
-    """Frames are rectified by this file of `ndtorch calibrate`; without one they are used as they are."""
+    """File of `ndtorch calibrate`, OpenCV, Kalibr or KITTI by which frames are rectified; by default they are not."""
     pace: Literal["real", "read"] = "real"
-    """Files play at their own rate (real), or give one frame for each reading (read)."""
+    """Pace of files: their own rate (real), or one frame for each reading (read)."""
 
 
 class Capture(Protocol):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -20,112 +21,120 @@ class Cameras:
     """
 
     left: Annotated[str | None, tyro.conf.Positional] = None
-    """The left camera is this device, number, video file, folder of images or address."""
+    """Left camera: device, number, video file, folder of images or address."""
     right: Annotated[str | None, tyro.conf.Positional] = None
-    """The right camera is named like the left one."""
+    """Right camera, named like the left one."""
     seconds: float = 5.0
-    """Measuring takes this time, in s."""
+    """Duration of the measurement, in s."""
     width: int | None = None
-    """This width is requested, in pixels (default: 640, and that of files)."""
+    """Width of a frame, in pixels (default: 640, and that of files)."""
     height: int | None = None
-    """This height is requested, in pixels (default: 480, and that of files)."""
+    """Height of a frame, in pixels (default: 480, and that of files)."""
     fps: float = 30.0
-    """This number of frames a second is requested, and folders play at it."""
+    """Frames a second that are requested, and at which folders play."""
     fourcc: str = "MJPG"
-    """This pixel format is requested."""
+    """Pixel format that is requested."""
     exposure_ms: float | None = 10.0
-    """The exposure is fixed to this time, in ms; with 0 it is automatic."""
+    """Fixed exposure, in ms; 0 is automatic."""
     tolerance_ms: float = 16.0
-    """The two frames of a pair differ in time by at most this, in ms."""
+    """Largest difference in time of the two frames of a pair, in ms."""
     json: bool = False
-    """The result is printed as one JSON object, and nothing else is."""
+    """Print the result as one JSON object and nothing else."""
 
     def run(self) -> int:
         if (self.left is None) != (self.right is None):
             raise InputError("give two cameras to measure, left and right, or none to list what is there")
         if not 0 < self.seconds <= 86400:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
-        result = self.listed() if self.left is None else self.measured()
+        result = listed() if self.left is None else self.measured()
         if self.json:
             print(json.dumps(result))
         else:
-            print(describe_devices(result) if self.left is None else describe(result))
+            print("\n".join(device_lines(result["devices"]) if self.left is None else lines(result)))
         return 0
 
-    def listed(self) -> dict[str, Any]:
-        from ndtorch_robot.cameras import list_devices
-
-        return {"devices": [device._asdict() | {"usb": _usb(device.usb)} for device in list_devices()]}
-
     def measured(self) -> dict[str, Any]:
-        from ndtorch.utils.toml import check
-        from ndtorch_robot.cameras import StereoCameras, find_source
-        from ndtorch_robot.cameras.measure import measure
-        from ndtorch_robot.cameras.pair import probe_size
-        from ndtorch_robot.cameras.source import CameraSettings
+        """Rate, interval and latency of each camera, skew of the pairs, and what was not paired.
 
-        values: dict[str, object] = {
-            "left": self.left,
-            "right": self.right,
-            "width_px": self.width or 640,
-            "height_px": self.height or 480,
-            "rate_hz": self.fps,
-            "fourcc": self.fourcc,
-            "exposure_ms": self.exposure_ms or None,
-            "tolerance_ms": self.tolerance_ms,
-            "max_age_ms": 500.0,
-        }
+        The latency is from when a frame was taken until it was decoded; files are taken when they are due.
+        """
+        import numpy as np
+
+        from ndtorch.utils.toml import check
+        from ndtorch_robot.cameras import CameraSettings, CamerasSilent, FramesEnded, StereoCameras, find_source
+        from ndtorch_robot.cameras.pair import SIDES, probe_size
+
+        values: dict[str, object] = {"left": self.left, "right": self.right, "max_age_ms": 500.0}
+        values |= {"width_px": self.width or 640, "height_px": self.height or 480, "rate_hz": self.fps}
+        values |= {"fourcc": self.fourcc, "exposure_ms": self.exposure_ms or None, "tolerance_ms": self.tolerance_ms}
         settings = check(values, CameraSettings, "cameras")
         source = find_source(settings.left)
         if self.width is None and self.height is None and not source.live:
             width, height = probe_size(source, settings)
             settings = settings.model_copy(update={"width_px": width, "height_px": height})
+        until, silences, ended = time.monotonic() + self.seconds, [""], ""
         with StereoCameras(settings) as cameras:
-            return measure(cameras, self.seconds) | {"size": [settings.width_px, settings.height_px]}
+            while time.monotonic() < until and not ended:
+                try:
+                    cameras.read_pair()
+                except CamerasSilent as silence:
+                    silences.append(str(silence))
+                except FramesEnded as end:
+                    ended = str(end)
+        pairing, result = cameras.pairing, dict[str, Any]()
+        for side, name in enumerate(SIDES):
+            times = np.array(pairing.times[side])
+            result[name] = {"frames": pairing.frames[side]}
+            if len(times) > 2:
+                gaps, latency = np.diff(times[:, 0]) * 1e3, (times[:, 1] - times[:, 0]) * 1e3
+                result[name] |= {"rate_hz": float(1e3 / gaps.mean()), "interval_ms": percentiles(gaps)}
+                result[name]["latency_ms"] = percentiles(latency)
+        skews = np.array(pairing.skews) * 1e3
+        result["skew_ms"] = {"mean": float(skews.mean()), **percentiles(np.abs(skews))} if len(skews) else {}
+        result |= {"pairs": pairing.pairs, "unpaired": pairing.unpaired, "silences": len(silences) - 1}
+        size = [settings.width_px, settings.height_px]
+        return result | {"last_silence": silences[-1], "ended": ended, "size": size}
 
 
-def _usb(place: Any) -> dict[str, Any] | None:
-    return None if place is None else place._asdict()
+def percentiles(values: Any) -> dict[str, float]:
+    import numpy as np
+
+    return dict(zip(("p1", "p50", "p99", "max"), np.percentile(values, (1, 50, 99, 100)).tolist(), strict=True))
 
 
-def describe_devices(result: dict[str, Any]) -> str:
-    if not result["devices"]:
-        return (
-            "no cameras: the kernel knows none (/sys/class/video4linux is empty or not there)\n"
-            "Two files, folders of images or addresses can be measured in their place."
-        )
-    lines = []
-    for device in result["devices"]:
+def listed() -> dict[str, Any]:
+    from ndtorch_robot.cameras import list_devices
+
+    devices = [device._asdict() | {"usb": device.usb and device.usb._asdict()} for device in list_devices()]
+    return {"devices": devices}
+
+
+def device_lines(devices: list[dict[str, Any]]) -> list[str]:
+    if not devices:
+        return ["no cameras: the kernel knows none; two files, folders of images or addresses can be measured instead"]
+    text, buses = [], []
+    for device in devices:
         usb = device["usb"]
         place = f"USB bus {usb['bus']} port {usb['port']}, {usb['speed']:g} Mbit/s" if usb else "not on the USB"
-        lines += [f"{device['node']}  {device['name']}", f"  {place}", f"  {device['by_path'] or 'no name by path'}"]
-    buses = [device["usb"]["bus"] for device in result["devices"] if device["usb"]]
+        text += [f"{device['node']}  {device['name']}", f"  {place}", f"  {device['by_path'] or 'no name by path'}"]
+        buses += [usb["bus"]] if usb else []
     if len(buses) > len(set(buses)):
-        lines.append("Cameras on one USB 2 bus may not fit together: measure them, and see docs/robot/cameras.md.")
-    return "\n".join(lines)
+        text.append("Cameras on one USB 2 bus may not fit together: measure them, and see docs/robot/cameras.md.")
+    return text
 
 
-def describe(result: dict[str, Any]) -> str:
-    lines = [f"{result['size'][0]}x{result['size'][1]}, {result['pairs']} pairs, unpaired {result['unpaired']}"]
+def lines(result: dict[str, Any]) -> list[str]:
+    text = [f"{result['size'][0]}x{result['size'][1]}, {result['pairs']} pairs, unpaired {result['unpaired']}"]
     for name in ("left", "right"):
         part = result[name]
-        if "rate_hz" not in part:
-            lines.append(f"{name:6s} only {part['frames']} frames")
-            continue
-        gap, late = part["interval_ms"], part["latency_ms"]
-        lines.append(
-            f"{name:6s} {part['rate_hz']:.2f} frames/s, interval {gap['p1']:.1f} - {gap['p50']:.1f} - "
-            f"{gap['p99']:.1f} ms (1, 50, 99 %), latency {late['p50']:.1f} ms, 99 % below {late['p99']:.1f} ms, "
-            f"most {late['max']:.1f} ms"
-        )
+        words = f"{name:6s} {part['frames']} frames"
+        for key, what in (("interval_ms", "interval"), ("latency_ms", "latency")):
+            if key in part:
+                words += f", {what} {part[key]['p50']:.1f} ms, 99 % below {part[key]['p99']:.1f} ms"
+        text.append(words + (f", {part['rate_hz']:.2f} frames/s" if "rate_hz" in part else ""))
     if result["skew_ms"]:
         skew = result["skew_ms"]
-        lines.append(
-            f"skew   mean {skew['mean']:+.2f} ms (right later), size {skew['p50']:.2f} ms, "
-            f"99 % below {skew['p99']:.2f} ms, most {skew['max']:.2f} ms"
-        )
+        text.append(f"skew   mean {skew['mean']:+.2f} ms (right later), 99 % within {skew['p99']:.2f} ms")
     if result["silences"]:
-        lines.append(f"no pair {result['silences']} times; last: {result['last_silence']}")
-    if result["ended"]:
-        lines.append(result["ended"])
-    return "\n".join(lines)
+        text.append(f"no pair {result['silences']} times; last: {result['last_silence']}")
+    return [*text, result["ended"]] if result["ended"] else text

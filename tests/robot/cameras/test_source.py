@@ -17,7 +17,7 @@ from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, li
 from ndtorch_robot.cameras import source as source_module
 from ndtorch_robot.cameras.sources import v4l2
 from ndtorch_robot.cameras.sources.files import FolderCapture
-from ndtorch_robot.cameras.sources.v4l2 import UsbPlace, group_of, set_up, try_device
+from ndtorch_robot.cameras.sources.v4l2 import UsbPlace, set_up
 from tests.robot.support.fake_captures import Properties, folder_of, picture
 
 SETTINGS = CameraSettings(left="0", right="1")
@@ -57,12 +57,8 @@ def test_settings_are_set_in_order_and_read_back():
         cv2.CAP_PROP_EXPOSURE: 100,
         cv2.CAP_PROP_GAIN: 20.0,
     }
-    assert camera.order[:4] == [
-        cv2.CAP_PROP_FOURCC,
-        cv2.CAP_PROP_FRAME_WIDTH,
-        cv2.CAP_PROP_FRAME_HEIGHT,
-        cv2.CAP_PROP_FPS,
-    ]
+    order = [cv2.CAP_PROP_FOURCC, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FPS]
+    assert camera.order[:4] == order
     set_up(Properties({cv2.CAP_PROP_FPS: 29.97}), DEVICE, SETTINGS)
     camera = Properties()
     set_up(camera, DEVICE, SETTINGS.model_copy(update={"exposure_ms": None}))
@@ -74,11 +70,10 @@ def test_settings_are_set_in_order_and_read_back():
     ("stubborn", "message"),
     [
         ({cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*"YUYV")}, "fourcc 'MJPG' became 'YUYV'"),
-        ({cv2.CAP_PROP_FRAME_HEIGHT: 360}, "640x480 became 640x360"),
-        ({cv2.CAP_PROP_FPS: 15.0}, "30 frames a second became 15"),
-        ({cv2.CAP_PROP_AUTO_EXPOSURE: 3}, "the exposure stays automatic"),
-        ({cv2.CAP_PROP_EXPOSURE: 312}, "an exposure of 10 ms became 31.2 ms"),
-        ({cv2.CAP_PROP_FPS: 15.0, cv2.CAP_PROP_FRAME_WIDTH: 320}, "became 320x480; 30 frames a second became 15"),
+        ({cv2.CAP_PROP_FRAME_HEIGHT: 360}, "height 480 became 360"),
+        ({cv2.CAP_PROP_FPS: 15.0}, "frames a second 30 became 15"),
+        ({cv2.CAP_PROP_AUTO_EXPOSURE: 3}, "auto_exposure 1 became 3"),
+        ({cv2.CAP_PROP_EXPOSURE: 312}, "exposure 100 became 312"),
     ],
 )
 def test_settings_that_are_not_taken(stubborn, message):
@@ -92,9 +87,8 @@ def test_settings_that_are_not_taken(stubborn, message):
     ("number", "message"),
     [
         (errno.ENOENT, "no such device; `ndtorch cameras` lists"),
-        (errno.ENODEV, "no such device"),
-        (errno.EACCES, "no permission: add yourself to the group 'video' (sudo usermod -aG video $USER)"),
-        (errno.EBUSY, "in use by cheese (4711)"),
+        (errno.EACCES, "no permission: add yourself to the group video"),
+        (errno.EBUSY, "in use by another program"),
         (errno.EIO, "cannot be opened (Input/output error)"),
     ],
 )
@@ -103,15 +97,13 @@ def test_devices_that_cannot_be_opened(monkeypatch, number, message):
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(v4l2.os, "open", refuse)
-    monkeypatch.setattr(v4l2, "holders", lambda target: ["cheese (4711)"])
     with pytest.raises(InputError) as error:
-        try_device(DEVICE)
+        open_capture(DEVICE, SETTINGS)
     assert message in str(error.value)
 
 
-def test_a_device_that_is_none():
-    assert group_of("/dev/video99") == "video"
-    with pytest.raises(InputError, match="camera /dev/full: no camera that gives images"):
+def test_a_device_that_is_no_camera():
+    with pytest.raises(InputError, match="no camera that gives images"):
         open_capture(find_source("/dev/full"), SETTINGS)
 
 
@@ -120,7 +112,7 @@ def test_a_device_that_is_none():
     [
         (lambda p: p / "nothing.avi", "no such device, file or folder"),
         (lambda p: p, "holds no images"),
-        (lambda p: (p / "text.avi", (p / "text.avi").write_text("no film"))[0], "it is not a video"),
+        (lambda p: (p / "text.avi", (p / "text.avi").write_text("no film"))[0], "not a video"),
     ],
 )
 def test_files_that_are_none(tmp_path, make, message):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import stat
 from pathlib import Path
 from typing import Any
+
+import cv2
 
 from ndtorch.errors import InputError
 from ndtorch.scenes.readers import image_files, open_capture, quiet_opencv
@@ -17,34 +18,17 @@ def stream_address(name: str) -> str | None:
     return name if "://" in name or (path.exists() and stat.S_ISFIFO(path.stat().st_mode)) else None
 
 
-def video_path(name: str) -> str | None:
-    return name if Path(name).is_file() else None
-
-
+@camera_source("file", lambda name: name if Path(name).is_file() else None)
 @camera_source("stream", stream_address, live=True)
-def open_stream(camera: Source, settings: CameraSettings) -> Capture:
-    return open_video(camera, "a stream that answers")
-
-
-@camera_source("file", video_path)
-def open_file(camera: Source, settings: CameraSettings) -> Capture:
-    if not os.access(camera.target, os.R_OK):
-        raise InputError(f"camera {camera.name}: no permission to read this file")
-    return open_video(camera, "a video")
-
-
-def open_video(camera: Source, wanted: str) -> Capture:
+def open_video(camera: Source, settings: CameraSettings) -> Capture:
     capture: Capture | None = open_capture(camera.target)
     if capture is None:
+        wanted = "a stream that answers" if camera.live else "a video that may be read"
         raise InputError(f"camera {camera.name}: cannot be opened, it is not {wanted}")
     return capture
 
 
-def folder_path(name: str) -> str | None:
-    return name if Path(name).is_dir() else None
-
-
-@camera_source("folder", folder_path)
+@camera_source("folder", lambda name: name if Path(name).is_dir() else None)
 def open_folder(camera: Source, settings: CameraSettings) -> Capture:
     return FolderCapture(Path(camera.target), settings.rate_hz)
 
@@ -60,19 +44,15 @@ class FolderCapture:
         return self.next <= len(self.files)
 
     def retrieve(self) -> tuple[bool, Any]:
-        import cv2
-
         with quiet_opencv():
             image = cv2.imread(str(self.files[self.next - 1]), cv2.IMREAD_ANYCOLOR)
         return image is not None, image
 
     def get(self, propId: int) -> float:
-        import cv2
-
         return {cv2.CAP_PROP_FPS: self.rate, cv2.CAP_PROP_FRAME_COUNT: float(len(self.files))}.get(propId, 0.0)
 
     def set(self, propId: int, value: float) -> bool:
         return False
 
     def release(self) -> None:
-        """Nothing to let go of."""
+        """Nothing is held open."""
