@@ -145,9 +145,8 @@ def flow_mask(frames: Frames) -> Mask:
     grey = cv2.normalize(apart, np.empty_like(apart), 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
     _, above = cv2.threshold(grey, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(above)
-    if len(stats) < 2:
-        return above > 0
-    return np.asarray(labels) == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+    largest = stats[1:, cv2.CC_STAT_AREA].argmax() if len(stats) > 1 else 0
+    return np.asarray(np.equal(labels, 1 + largest))
 
 
 METHODS: Mapping[str, Callable[[Frames], Mask]] = {
