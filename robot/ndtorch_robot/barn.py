@@ -38,7 +38,7 @@ TEST_EVERY = 5
 OPTIMAL_SPEED = 2.0
 """m/s with which the shortest path becomes the optimal time of the score."""
 
-LIMITS = SafetyLimits(speed=1.0, curvature=2.2, silence=0.1, age=0.1)
+LIMITS = SafetyLimits(1.0, 2.2, step_s=0.1, frame_age_s=0.1)
 """Those of a car; the simulated one has limits of its own for how fast speed and steering may change."""
 
 
@@ -177,7 +177,7 @@ def attempt(entry: Entry) -> Attempt:
         limits = robot.simulated_limits(body.max_speed_m_per_s)
     runner = NavigatorRunner(options, rig, rate, body=body)
     simulation = Simulation(world.plan(), entry.seed, rig=rig, fields=runner.fields, rate=rate, body=body)
-    monitor = CameraMonitor(rig, rate, limits.age, rendered=True)
+    monitor = CameraMonitor(rig, rate, limits.frame_age_s, rendered=True)
     car = Car(runner, simulation, SafeDrive(simulation, simulation, limits, monitor))
     referee = Referee(world, simulation, car)
     car.observers.append(referee)

@@ -17,7 +17,7 @@ from ndtorch_robot.sim.disturbances import read_disturbances
 RATE = 30.0
 """Frames a second of a simulated drive."""
 
-LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
+LIMITS = SafetyLimits(0.6, 2.2, step_s=0.1, frame_age_s=0.1)
 """Of the car of [A]."""
 
 

@@ -100,7 +100,7 @@ def drive(
         body=config.body,
     )
     camera_limits = BLANK if config.walls == "blank" else DRAWN
-    monitor = CameraMonitor(simulation.rig, rate, config.limits.age, camera_limits, rendered=True)
+    monitor = CameraMonitor(simulation.rig, rate, config.limits.frame_age_s, camera_limits, rendered=True)
     safe = SafeDrive(simulation, simulation, config.limits, monitor)
     car = Car(runner, simulation, safe, steer=steer, max_steps=max(1, round(config.seconds * rate)))
     record, path = Record(runner, lambda: simulation.pose), WalkedPath()

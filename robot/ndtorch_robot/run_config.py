@@ -9,10 +9,11 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
+from ndtorch.errors import InputError
 from ndtorch.navigation import Body, StereoRig
 from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions, check_option, options_of
 from ndtorch.utils.packages import toml_file
-from ndtorch.utils.toml import Strict, read_toml
+from ndtorch.utils.toml import Strict, read_toml, refuse_unknown
 from ndtorch_robot.bridges import BRIDGES
 from ndtorch_robot.camera_monitor import CameraLimits
 from ndtorch_robot.link import HOSTED_BOARD, SERIAL, check_link, read_settings
@@ -21,6 +22,9 @@ from ndtorch_robot.safety import SafetyLimits
 Positive = Annotated[float, Field(gt=0)]
 Pixels = Annotated[int, Field(ge=16, le=8192)]
 Settings = Mapping[str, str | int | float | bool]
+
+MAX_LIMITS = {"speed_m_per_s": 5.0, "step_s": 0.12, "frame_age_s": 0.2, "recovery_s": 60.0}
+"""Highest values of `[limits]`."""
 
 
 class Table(Strict):
@@ -72,37 +76,6 @@ class RigTable(Table):
     """Row of the optical axis, in pixels; the middle one by default."""
 
 
-class LimitsTable(Table):
-    """`[limits]`: limits of the safety layer; see `ndtorch_robot.safety.SafetyLimits`."""
-
-    speed_m_per_s: Annotated[float, Field(gt=0, le=5)] | None = None
-    """Highest speed of a command, in m/s; 1.2 times cruise speed by default."""
-    curvature_per_m: Positive | None = None
-    """Tightest curve of a command, in 1/m; what the body can do by default."""
-    acceleration_m_per_s2: Positive | None = None
-    """Fastest increase of speed, in m/s^2; .8 times that of the body by default."""
-    steering_per_m_per_s: Positive | None = None
-    """Fastest change of curvature, in 1/m a second; lock to lock in .1 s by default."""
-    step_s: Annotated[float, Field(gt=0, le=0.12)] = 0.1
-    """Longest time between two commands, in s; more is a fault."""
-    frame_age_s: Annotated[float, Field(gt=0, le=0.2)] = 0.1
-    """Age of the oldest frames to steer by, in s; more is a fault."""
-    recovery_s: Annotated[float, Field(gt=0, le=60)] = 1.0
-    """Time without a fault after which the car drives on by itself, in s."""
-
-    def limits(self, body: Body) -> SafetyLimits:
-        tightest = body.max_curvature_per_m
-        return SafetyLimits(
-            self.speed_m_per_s or min(1.2 * body.cruise_m_per_s, body.max_speed_m_per_s),
-            self.curvature_per_m or tightest,
-            self.acceleration_m_per_s2 or 0.8 * body.max_acceleration_m_per_s2,
-            self.steering_per_m_per_s or 18 * tightest,
-            self.step_s,
-            self.frame_age_s,
-            self.recovery_s,
-        )
-
-
 class RobotTable(Table):
     """The robot: body, cameras and limits."""
 
@@ -110,7 +83,18 @@ class RobotTable(Table):
     """Steps of the loop a second, in Hz."""
     body: BodyTable = BodyTable()
     rig: RigTable = RigTable()
-    limits: LimitsTable = LimitsTable()
+    limits: Mapping[str, float] = Field(default_factory=dict)
+    """Limits of the safety layer that do not follow from the body; see `SafetyLimits`."""
+
+    @field_validator("limits")
+    @classmethod
+    def usable(cls, limits: Mapping[str, float]) -> Mapping[str, float]:
+        refuse_unknown(limits, SafetyLimits)
+        SafetyLimits(**limits)
+        for name, most in MAX_LIMITS.items():
+            if not 0 < limits.get(name, most) <= most:
+                raise InputError(f"{name} must be above 0 and at most {most:g}, got {limits[name]:g}")
+        return limits
 
     def stereo_rig(self) -> StereoRig:
         """The cameras on the body."""
@@ -128,12 +112,23 @@ class RobotTable(Table):
         )
 
     def safety_limits(self) -> SafetyLimits:
-        return self.limits.limits(self.body.body())
+        """The limits of the file; others follow from the body."""
+        body = self.body.body()
+        derived = {
+            "speed_m_per_s": min(1.2 * body.cruise_m_per_s, body.max_speed_m_per_s),
+            "curvature_per_m": body.max_curvature_per_m,
+            "acceleration_m_per_s2": 0.8 * body.max_acceleration_m_per_s2,
+            "steering_per_m_per_s": 18 * body.max_curvature_per_m,
+            "step_s": 0.1,
+            "frame_age_s": 0.1,
+        }
+        return SafetyLimits(**derived | dict(self.limits))
 
     def simulated_limits(self, speed: float | None = None) -> SafetyLimits:
         """Without limits of how fast speed and steering may change: the simulated robot has its own."""
         limits, late = self.safety_limits(), max(0.1, 1.5 / self.rate_hz)
-        return SafetyLimits(limits.speed if speed is None else speed, limits.curvature, silence=late, age=late)
+        speed = limits.speed_m_per_s if speed is None else speed
+        return SafetyLimits(speed, limits.curvature_per_m, step_s=late, frame_age_s=late)
 
 
 class NavigatorTable(Table, NavigatorOptions):

@@ -24,31 +24,29 @@ NOT_STARTED = "not started"
 
 @dataclass(frozen=True)
 class SafetyLimits:
-    """Limits of the safety layer; the defaults limit nothing, for simulated drives, which have limits of their own.
-
-    Args:
-        speed: fastest, m/s; a faster command is clamped.
-        curvature: tightest, 1/m; a tighter command is clamped.
-        acceleration: m/s^2; the speed sent follows no faster. Slowing down is not limited.
-        steering: 1/m a second; the curvature sent follows no faster.
-        silence: longest time between two commands, s. More is a fault.
-        age: oldest frames that may be steered by, s. Older is a fault.
-        recovery: time without a fault after which the car drives on by itself, s.
+    """`[limits]`: limits of the safety layer; without numbers for simulated drives, which have limits of their own.
 
     Raises:
         InputError: a limit below 0, or one that is no number: it would let everything through.
     """
 
-    speed: float = math.inf
-    curvature: float = math.inf
-    acceleration: float = math.inf
-    steering: float = math.inf
-    silence: float = math.inf
-    age: float = math.inf
-    recovery: float = 1.0
+    speed_m_per_s: float = math.inf
+    """Highest speed of a command, in m/s; 1.2 times cruise speed in the file of a car."""
+    curvature_per_m: float = math.inf
+    """Tightest curve of a command, in 1/m; what the body can do in the file of a car."""
+    acceleration_m_per_s2: float = math.inf
+    """Fastest increase of speed, in m/s^2; .8 times that of the body in the file of a car."""
+    steering_per_m_per_s: float = math.inf
+    """Fastest change of curvature, in 1/m a second; lock to lock in .1 s in the file of a car."""
+    step_s: float = math.inf
+    """Longest time between two commands, in s; more is a fault; .1 in the file of a car."""
+    frame_age_s: float = math.inf
+    """Age of the oldest frames to steer by, in s; more is a fault; .1 in the file of a car."""
+    recovery_s: float = 1.0
+    """Time without a fault after which the car drives on by itself, in s."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, endless=["recovery"], positive=())
+        check_numbers(self, endless=["recovery_s"], positive=())
 
 
 class DriveState(Enum):
@@ -72,7 +70,7 @@ class SafeDrive:
 
     Drives obey nothing but a `SafeCommand`, only `send` of this class makes those, and the loop accepts no other
     drive. Commands beyond a limit are clamped. After a fault that passes, such as late frames, the car stops until all
-    has been well for `limits.recovery` seconds. After another one, such as a lost link, it needs `resume`; see
+    has been well for `limits.recovery_s` seconds. After another one, such as a lost link, it needs `resume`; see
     `FaultKind`.
 
     Args:
@@ -164,9 +162,9 @@ class SafeDrive:
             trouble = self.drive.trouble()
             if trouble is not None:
                 self.fault(trouble, FaultKind.DRIVE)
-            if elapsed > limits.silence:
-                self.fault(f"a step took {elapsed:.3f} s, {limits.silence:.3f} s are allowed", FaultKind.SILENCE)
-            if self.frame_check is not None and limits.age < now - self.frames_time < math.inf:
+            if elapsed > limits.step_s:
+                self.fault(f"a step took {elapsed:.3f} s, {limits.step_s:.3f} s are allowed", FaultKind.SILENCE)
+            if self.frame_check is not None and limits.frame_age_s < now - self.frames_time < math.inf:
                 self.blind(f"the frames are {now - self.frames_time:.3f} s old", FaultKind.AGE)
             self.sent_at = now
             if self.standing is None:
@@ -182,17 +180,17 @@ class SafeDrive:
     def limited(self, command: DriveCommand, elapsed: float) -> DriveCommand:
         """The command within the limits, and no further from the one before than they allow; standing is at once."""
         limits, before = self.limits, self.sent
-        speed = min(max(command.speed, -limits.speed), limits.speed)
-        curvature = min(max(command.curvature, -limits.curvature), limits.curvature)
+        speed = min(max(command.speed, -limits.speed_m_per_s), limits.speed_m_per_s)
+        curvature = min(max(command.curvature, -limits.curvature_per_m), limits.curvature_per_m)
         # A limit in single precision may lie a hair above itself.
         self.clamped += not (math.isclose(speed, command.speed) and math.isclose(curvature, command.curvature))
-        if limits.acceleration < math.inf:
+        if limits.acceleration_m_per_s2 < math.inf:
             if speed * before.speed < 0:
                 speed = 0.0  # not through zero in one step
-            most = abs(before.speed) + limits.acceleration * elapsed
+            most = abs(before.speed) + limits.acceleration_m_per_s2 * elapsed
             speed = min(max(speed, -most), most)
-        if limits.steering < math.inf:
-            turn = limits.steering * elapsed
+        if limits.steering_per_m_per_s < math.inf:
+            turn = limits.steering_per_m_per_s * elapsed
             curvature = min(max(curvature, before.curvature - turn), before.curvature + turn)
         return DriveCommand(speed, curvature)
 
@@ -202,7 +200,7 @@ class SafeDrive:
             if self.state is DriveState.RECOVERING:
                 self.retry_at = math.inf
         elif self.state is DriveState.RECOVERING and self.retry_at == math.inf:
-            self.retry_at = now + self.limits.recovery
+            self.retry_at = now + self.limits.recovery_s
         elif self.state is DriveState.RESUMING and now >= self.resume_until:
             self.state = DriveState.STOPPED
             self.report("not resumed: the drive did not obey in time; resume it again")

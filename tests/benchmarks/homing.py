@@ -54,7 +54,7 @@ class Leg:
 
     def drive(self, config: DriveConfig, seconds: float, observers: list[Callable[[Step], None]]) -> None:
         runner, simulation = self.runner, self.simulation
-        check = CameraMonitor(simulation.rig, config.rate, config.limits.age, DRAWN, rendered=True)
+        check = CameraMonitor(simulation.rig, config.rate, config.limits.frame_age_s, DRAWN, rendered=True)
         car = Car(runner, simulation, SafeDrive(simulation, simulation, config.limits, check))
         self.at = simulation.pose[:2]
 

@@ -48,7 +48,7 @@ def test_what_is_broken_fails_with_advice(capsys, monkeypatch):
         return load(name)
 
     monkeypatch.setattr(doctor, "import_module", missing)
-    monkeypatch.setenv("XDG_CACHE_HOME", "/proc")
+    monkeypatch.setattr("ndtorch.utils.jit.make_private", lambda folder: False)
     assert main(["doctor"]) == 1
     out = capsys.readouterr().out
     assert "FAIL av" in out
@@ -94,7 +94,7 @@ def test_the_defaults_are_the_car_of_the_paper() -> None:
     assert (BodyTable().body(), RobotTable().stereo_rig()) == (Body(), RIG)
     assert read_run_config(Path("maxstone8")).body == BodyTable()
     limits = RobotTable().safety_limits()
-    assert (limits.speed, limits.curvature) == (pytest.approx(0.6), pytest.approx(1 / 0.45))
+    assert (limits.speed_m_per_s, limits.curvature_per_m) == (pytest.approx(0.6), pytest.approx(1 / 0.45))
     assert CarLimits.of(Body()) == CarLimits()
 
 
@@ -133,15 +133,12 @@ def test_the_service_runs_the_car():
 GUIDE = (ROOT / "docs" / "robot" / "simulation.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("number", "rings", "area"), [(0, 3, 24 + 4 * 1.6), (1, 1, 9 * (2 + 5) / 2), (2, 9, 16 + 15.6 + 0.08)]
-)
-def test_arenas_of_the_guide(tmp_path, number, rings, area):
+def test_the_arena_of_the_guide(tmp_path):
     file = tmp_path / "arena.toml"
-    file.write_text(re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)[number])
+    file.write_text(re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)[0])
     plan = load_arena(str(file))
-    assert len(plan.rings) == rings
-    assert plan.outline.area == pytest.approx(area)
+    assert len(plan.rings) == 3
+    assert plan.outline.area == pytest.approx(24 + 4 * 1.6)
 
 
 @pytest.mark.slow

@@ -201,7 +201,7 @@ BUMPER = 0.25
 def driven(simulation, runner, place, seconds):
     """Put the car there, drive, and count the collisions."""
     simulation.place(*place)
-    frame_check = CameraMonitor(RIG, 30.0, LIMITS.age, DRAWN, rendered=True)
+    frame_check = CameraMonitor(RIG, 30.0, LIMITS.frame_age_s, DRAWN, rendered=True)
     car = Car(runner, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), max_steps=round(30 * seconds))
     before = len(simulation.collisions)
     car.run(warm_up=False)
