@@ -52,7 +52,7 @@ def test_what_is_broken_fails_with_advice(capsys, monkeypatch):
     assert main(["doctor"]) == 1
     out = capsys.readouterr().out
     assert "FAIL av" in out
-    assert "pip install 'av" in out
+    assert "pip install" in out
     assert "chmod 700" in out
     assert "does not work: av, kernel cache" in out
 

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import errno
-import grp
 import math
-import os
-import select
 import threading
 import time
 from pathlib import Path
@@ -139,7 +136,7 @@ class SerialDrive(LinkDrive):
                     return "no answer from the board"
                 self.greet()
             try:
-                self.handle(read_some(port))
+                self.handle(port.read(port.in_waiting or 1))
             except GONE as error:
                 return f"the serial port is gone ({error})"
         return "closed"
@@ -151,43 +148,21 @@ def open_port(device: str, baud: int) -> serial.Serial:
 
     try:
         return serial.Serial(device, baud, timeout=READ_TIMEOUT, write_timeout=WRITE_TIMEOUT, exclusive=True)
-    except serial.SerialException as error:
-        raise InputError(f"{device}: {reason(device, error.errno, str(error))}") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{device}: is no serial port ({error})") from None
+    except (OSError, ValueError) as error:  # of which SerialException is one
+        raise InputError(f"{device}: {reason(Path(device), error)}") from None
 
 
-def read_some(port: serial.Serial) -> bytes:
-    """All that has come, up to 512 bytes; waits for it, and gives nothing after `READ_TIMEOUT`.
-
-    It takes one call to wait and one to read. `Serial.read` takes more, and after each of them this thread may have to
-    wait for the interpreter.
-    """
-    file = port.fileno()
-    if not select.select([file], [], [], READ_TIMEOUT)[0]:
-        return b""
-    data = os.read(file, 512)
-    if not data:
-        raise OSError(errno.EIO, "it gives nothing although it says that it has something")
-    return data
-
-
-def reason(device: str, number: int | None, message: str) -> str:
+def reason(device: Path, error: Exception) -> str:
     """Why a serial port cannot be opened, and what to do about it."""
-    path = Path(device)
-    if number == errno.ENOENT or not path.exists():
+    number = getattr(error, "errno", None)
+    if not device.exists():
         return "no such device; is the board plugged in? (ls /dev/serial/by-id)"
     if number in (errno.EACCES, errno.EPERM):
-        try:
-            group = grp.getgrgid(path.stat().st_gid).gr_name
-        except KeyError:
-            group = str(path.stat().st_gid)
+        group = device.group()
         return f"no permission; be in the group {group}: sudo usermod -aG {group} $USER, then log in anew"
-    if number in (errno.EAGAIN, errno.EBUSY) or "lock" in message:
+    if number in (errno.EAGAIN, errno.EBUSY) or "lock" in str(error):
         return "in use by another program"
-    if number in (errno.ENOTTY, errno.EINVAL) or "configure port" in message:
-        return "is no serial port"
-    return f"cannot be opened ({message})"
+    return f"is no serial port, or cannot be opened ({error})"
 
 
 @link(SERIAL)
