@@ -1,44 +1,43 @@
 """Rows and frames -> ranges, map and steering: navigation by non-directional motion.
 
-Here are the names that people start with; the rest comes from its file.
+Here are the names that people start with; the rest comes from its file. Each is imported when it is first used.
 """
 
-from ndtorch.navigation.body import Body
-from ndtorch.navigation.controllers import (
-    ARRIVED,
-    CRUISE,
-    REVERSE,
-    STOPPED,
-    SUPPRESSED,
-    TURN,
-    Command,
-    Controller,
-    Task,
-    controller_names,
-    make_controller,
-)
-from ndtorch.navigation.controllers.goal import GoalParams
-from ndtorch.navigation.controllers.published import AvoidanceParams, SaccadeController
-from ndtorch.navigation.controllers.ranging import RangingParams
-from ndtorch.navigation.localisation import Localiser, LocaliserParams
-from ndtorch.navigation.mapping import (
-    AlphaBetaTracker,
-    Grid,
-    GridMap,
-    ObservationList,
-    load_map,
-    save_map,
-)
-from ndtorch.navigation.model import Navigator
-from ndtorch.navigation.odometry import DeadReckoning, Pose
-from ndtorch.navigation.options import NavigatorOptions
-from ndtorch.navigation.state import NavigatorState
-from ndtorch.navigation.stereo.correspondence import MatchParams
-from ndtorch.navigation.stereo.features import FeatureParams
-from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
-from ndtorch.navigation.stereo.rig import Rect, StereoRig
-from ndtorch.navigation.stereo.search import SearchParams
-from ndtorch.navigation.stereo.strips import Strips, cut_strips
+from typing import TYPE_CHECKING
+
+from ndtorch.utils.lazy import lazy
+
+if TYPE_CHECKING:
+    from ndtorch.navigation.body import Body
+    from ndtorch.navigation.controllers.contract import (
+        ARRIVED,
+        CRUISE,
+        REVERSE,
+        STOPPED,
+        SUPPRESSED,
+        TURN,
+        Command,
+        Controller,
+        Task,
+    )
+    from ndtorch.navigation.controllers.goal.params import GoalParams
+    from ndtorch.navigation.controllers.published import AvoidanceParams, SaccadeController
+    from ndtorch.navigation.controllers.ranging.params import RangingParams
+    from ndtorch.navigation.controllers.registry import controller_names, make_controller
+    from ndtorch.navigation.localisation.localiser import Localiser, LocaliserParams
+    from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
+    from ndtorch.navigation.mapping.grid_map import Grid, GridMap
+    from ndtorch.navigation.mapping.map_files import load_map, save_map
+    from ndtorch.navigation.mapping.observations import ObservationList
+    from ndtorch.navigation.model import Navigator
+    from ndtorch.navigation.odometry import DeadReckoning, Pose
+    from ndtorch.navigation.options import NavigatorOptions
+    from ndtorch.navigation.state import NavigatorState
+    from ndtorch.navigation.stereo.features import FeatureParams, MatchParams
+    from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
+    from ndtorch.navigation.stereo.rig import Rect, StereoRig
+    from ndtorch.navigation.stereo.search import SearchParams
+    from ndtorch.navigation.stereo.strips import Strips, cut_strips
 
 __all__ = [
     "ARRIVED",
@@ -80,3 +79,6 @@ __all__ = [
     "make_controller",
     "save_map",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = lazy(__name__)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,33 +12,25 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
-from ndtorch.navigation.body import Body, match_params, proximity_params, rig_in_units, search_params
-from ndtorch.navigation.controllers.contract import Command, Controller
+from ndtorch.navigation.body import Body
+from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED, Command, Controller
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
-from ndtorch.navigation.controllers.scaled import controller_for_body
 from ndtorch.navigation.localisation.localiser import Localiser, LocaliserState
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
 from ndtorch.navigation.mapping.grid_map import in_tensors
 from ndtorch.navigation.mapping.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
-from ndtorch.navigation.proximity.check import ProximityCheck, ProximitySchedule
-from ndtorch.navigation.state import (
-    NavigatorState,
-    all_cars,
-    check_cars,
-    check_known,
-    check_like,
-    check_motion,
-    one_car,
-    pose_like,
-)
-from ndtorch.navigation.stereo.correspondence import MatchParams
-from ndtorch.navigation.stereo.features import FeatureParams
+from ndtorch.navigation.proximity import Obstacles, ProximityCheck
+from ndtorch.navigation.state import NavigatorState, all_cars, one_car, pose_in, pose_like, ranges_in
+from ndtorch.navigation.stereo.features import FeatureParams, MatchParams
 from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging, StereoRangingState
 from ndtorch.navigation.stereo.rig import AngleModel, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
-from ndtorch.navigation.stereo.strips import Strips, as_frames, check_eyes, grey_pair, row_rect, strips
+from ndtorch.navigation.stereo.strips import Strips, as_frames, grey_pair, row_rect, strips
+
+STATIONARY = 0.05
+"""A slower car is stationary, m/s."""
 
 
 class Navigator(nn.Module):
@@ -81,7 +73,7 @@ class Navigator(nn.Module):
 
     Raises:
         InputError: an unknown controller, one without this backend, or parameters of another one; frames that cannot be
-            used: two sizes, grey beside color, NaN or infinity; what was driven, or a start, that is not finite.
+            used: two sizes, grey beside color, NaN or infinity; a state of another module.
 
     >>> from ndtorch.navigation import StereoRig
     >>> navigator = Navigator(StereoRig(), dt=1 / 30)
@@ -112,36 +104,28 @@ class Navigator(nn.Module):
     ) -> None:
         super().__init__()
         if isinstance(controller, str):
-            if body is None:
-                controller = make_controller(controller, rig, dt, params, backend)
-            else:
-                controller = controller_for_body(controller, rig, dt, body, params, backend)
-        elif body is not None:
-            raise InputError("body belongs to a controller that is named; this one was made already")
-        elif params is not None:
-            raise InputError("params belong to a controller that is named; this one was made already")
-        if backend not in ("auto", controller.backend):
+            controller = make_controller(controller, rig, dt, params, backend, body)
+        elif body is not None or params is not None:
+            raise InputError("body and params belong to a controller that is named; this one was made already")
+        elif backend not in ("auto", controller.backend):
             raise InputError(f"this controller has the backend {controller.backend!r}, got backend={backend!r}")
         self.controller: Controller = controller
         self.backend = controller.backend
-        how = SearchParams(rows=1) if body is None else search_params(rig, body)
-        if search is None and features is None and matching is None and self.controller.checks_near:
-            search = how
-        matching = match_params(rig, body) if matching is None and body is not None else matching
+        body, self.size = Body() if body is None else body, (rig.height, rig.width)
+        self.unit_m = body.unit_m
+        usual = SearchParams.for_body(rig, body)
+        if search is None and features is None and matching is None and controller.checks_near:
+            search = usual
+        matching = MatchParams.for_body(rig, body) if matching is None else matching
         self.ranging = StereoRanging(rig, dt, features, matching, angles, search=search)
-        self.reckoning = DeadReckoning(dt)
+        self.reckoning, self.row = DeadReckoning(dt), row_rect(rig)
         self.grid_map, self.observations, self.tracker, self.localiser = grid_map, observations, tracker, localiser
-        self.has_memory = not (grid_map is None and observations is None and tracker is None)
-        self.row = row_rect(rig)
-        # Where the ranging itself searches, the controller is told at every frame.
-        looks = near_check and self.backend == "numba" and self.controller.checks_near
-        searching = StereoRanging(rig, dt, angles=angles, search=how) if search is None else None
-        fields = self.controller.fields
-        near, unit_m = ProximityCheck(rig, fields), 1.0
-        if body is not None:
-            unit_m = body.unit_m
-            near = ProximityCheck(rig_in_units(rig, unit_m), fields, proximity_params(rig, body))
-        self.near = ProximitySchedule(near, searching, unit_m) if looks else None
+        self.near: ProximityCheck | None = None
+        self.searching: StereoRanging | None = None
+        if near_check and self.backend == "numba" and controller.checks_near:
+            self.near = ProximityCheck(rig.in_units(self.unit_m), controller.fields, body)
+            # Where the ranging itself searches, the controller is told at every frame.
+            self.searching = StereoRanging(rig, dt, angles=angles, search=usual) if search is None else None
 
     def extra_repr(self) -> str:
         """The backend."""
@@ -170,173 +154,138 @@ class Navigator(nn.Module):
         after this one. Arguments, command and state are those of a call of the module.
         """
         check_kind("state", state, NavigatorState)
-        check_kind("driven", driven, Command)
-        check_kind("start", start, Pose)
-        ours, theirs = strips(left), strips(right)
-        shape = frames_shape(ours, theirs)
-        if driven is not None or start is not None:
-            check_motion(driven, start, shape)
-
-        def explain(error: Exception) -> None:
-            # Looked at once it has failed: at every step that would take as long as some of what is computed.
-            if state is not None and not isinstance(error, InputError):
-                check_like(state, self.frame_by_frame(ours, theirs, None, None, None, shape)[1]())
-
-        def complete() -> NavigatorState:
-            try:
-                return rest()
-            except Exception as error:
-                explain(error)
-                raise
-
-        try:
-            if state is not None:
-                check_known(state)
-            command, rest = self.frame_by_frame(ours, theirs, state, driven, start, shape)
-        except Exception as error:
-            explain(error)
-            raise
-        return command, complete
-
-    def frame_by_frame(
-        self,
-        left: Strips,
-        right: Strips,
-        state: NavigatorState | None,
-        driven: Command | None,
-        start: Pose | None,
-        shape: tuple[int, ...],
-    ) -> tuple[Command, Callable[[], NavigatorState]]:
-        """Frame by frame, because what is done at one frame is what was driven on the path to the next."""
-        if self.backend == "numba":
-            if state is not None:
-                check_cars(state, shape[:-1])
-            if len(shape) > 1:
-                return self.car_by_car(left, right, state, driven, start, shape)
-            start = None if start is None else Pose(*map(float, start))
-        commands = []
-        rest: Callable[[], NavigatorState] | None = None
-        for ours, theirs, moved in self.frames(left, right, driven, shape[-1]):
-            command, rest = self.decide(ours, theirs, state if rest is None else rest(), moved, start)
-            commands.append(command)
-        assert rest is not None
-        speed, curvature = zip(*commands, strict=True)
-        made = as_tensor if self.backend == "numba" else in_time
-        return Command(made(speed), made(curvature)), rest
-
-    def frames(
-        self, left: Strips, right: Strips, driven: Command | None, count: int
-    ) -> list[tuple[Strips, Strips, Command | None]]:
-        """The frames one after the other, `[C, H, W]` or `[..., 1, C, H, W]`, and what was driven to each."""
+        eyes = strips(left), strips(right)
+        shape = frames_shape(*eyes)
         if self.backend == "torch":
-            eyes = ([Strips(*(part.narrow(-4, t, 1) for part in eye)) for t in range(count)] for eye in (left, right))
-            moved = [None if driven is None else Command(*(part[..., t] for part in driven)) for t in range(count)]
-            return list(zip(*eyes, moved, strict=True))
-        one = count == 1
-        ours, theirs = ((eye.field[0],) if one else eye.field.unbind(0) for eye in (left, right))
-        whole = left.row is left.field and right.row is right.field
-        rows = (ours, theirs) if whole else (left.row.unbind(0), right.row.unbind(0))
-        told = [None] * count if driven is None else list(map(Command, *(part.tolist() for part in driven)))
-        return list(zip(map(Strips, ours, rows[0]), map(Strips, theirs, rows[1]), told, strict=True))
+            parts = [[Strips(*(part.narrow(-4, t, 1) for part in eye)) for eye in eyes] for t in range(shape[-1])]
+        elif len(shape) > 1:
+            return self.car_by_car(eyes, state, driven, start, shape)
+        else:
+            whole = all(eye.row is eye.field for eye in eyes)
+            fields = [[eye.field[t] for eye in eyes] for t in range(shape[-1])]
+            rows = fields if whole else [[eye.row[t] for eye in eyes] for t in range(shape[-1])]
+            parts = [list(map(Strips, *both)) for both in zip(fields, rows, strict=True)]
+            start = None if start is None else Pose(*map(float, start))
+        moved: list[Command | None] = [None] * shape[-1]
+        if driven is not None:
+            of_steps = (part.unbind(-1) if self.backend == "torch" else part.tolist() for part in driven)
+            moved = list(map(Command, *of_steps))
+        commands = []
+        # Frame by frame, because what is done at one frame is what was driven on the path to the next.
+        for t, (one, other) in enumerate(parts):
+            command, complete = self.step(one, other, state, moved[t], start)
+            commands.append(command)
+            if t + 1 < shape[-1]:
+                state = complete()
+        if self.backend == "torch":
+            speed, curvature = (torch.stack(part, -1) for part in zip(*commands, strict=True))
+        else:
+            speed, curvature = torch.from_numpy(np.array(commands, np.float32).T)
+        return Command(speed, curvature), complete
 
-    def car_by_car(
-        self,
-        left: Strips,
-        right: Strips,
-        state: NavigatorState | None,
-        driven: Command | None,
-        start: Pose | None,
-        shape: tuple[int, ...],
-    ) -> tuple[Command, Callable[[], NavigatorState]]:
-        """The compiled steps of a batch."""
-        batch, dims, made = shape[:-1], len(shape) - 1, []
-        for n in range(math.prod(batch)):
-            ours, theirs, before, moved, begun = (
-                one_car(part, n, dims) for part in (left, right, state, driven, start)
-            )
-            made.append(self.frame_by_frame(ours, theirs, before, moved, begun, shape[-1:]))
-        commands, rests = zip(*made, strict=True)
-        return all_cars(list(commands), batch), lambda: all_cars([rest() for rest in rests], batch)
-
-    def decide(
+    def step(
         self, left: Strips, right: Strips, state: NavigatorState | None, driven: Command | None, start: Pose | None
     ) -> tuple[Command, Callable[[], NavigatorState]]:
-        """One frame of each camera: see, range, remember, decide and limit; and what is done once that is commanded."""
-        # Looked up once: `nn.Module` takes a microsecond for each.
-        modules: Any = self._modules
-        controller, reckoning, near = modules["controller"], modules["reckoning"], self.near
-        fields, rows = self.read(left, right)
-        seen, field_filters = controller.see(fields, None if state is None else state.fields)
-        ranges, row_filters = self.range(rows, None if state is None else state.rows)
-        begins, before = state is None or state.fields is None, state or self.begin(seen, ranges, start)
+        """One frame of each camera: see, range, reckon, decide; and what is done once that is commanded."""
+        controller: Controller = self._modules["controller"]  # type: ignore[assignment]
+        ranging: StereoRanging = self._modules["ranging"]  # type: ignore[assignment]
+        # What the controller sees, and ranges
+        seen_before, rows_before = (None, None) if state is None else (state.fields, state.rows)
+        if self.backend == "numba":
+            frames = as_frames(left.field, right.field)
+            seen, fields = controller.see(frames, seen_before)
+            rows_read = frames if left.row is left.field else as_frames(left.row, right.row)
+            ranges, rows = ranging.step(rows_read, rows_before)
+        else:
+            seen, fields = controller.see((left.field, right.field), seen_before)
+            ranges, rows = ranging(left.row, right.row, rows_before)
+            ranges = Ranges(*(part[..., 0, :] for part in ranges))
+        # Where the car is by dead reckoning; the controller works in units of its body
+        begins = state is None or state.fields is None
+        before = self.begin(seen, ranges, start) if state is None else state
         last = before.command if driven is None else driven
-        pose, control, located = reckoning.step(before.pose, *last), before.control, before.located
-        here = pose
-        if self.localiser is not None and controller.has_goals:
-            located = self.locate(left.row, right.row, pose, located)
-            here = self.control_pose(pose, located)
-            control = controller.on_pose(control, here, pose_like(pose, located.pose))
-        command, control = controller.step(seen, ranges, here, last, control)
-        if near is not None and begins:
+        pose, control, located = self.reckoning.step(before.pose, *last), before.control, before.located
+        place, control, located = self.localise(left, right, pose, control, located)
+        # The command
+        unit, ranged, moved = self.unit_m, ranges, last
+        if unit != 1:
+            place, ranged = pose_in(place, unit), ranges_in(ranges, unit)
+            moved = Command(last.speed / unit, last.curvature * unit)
+        command, control = controller.step(seen, ranged, place, moved, control)
+        if unit != 1:
+            command = Command(command.speed * unit, command.curvature / unit)
+        if self.near is not None and begins:
             command = Command(0.0, 0.0)  # what is near is not checked yet
 
         def complete() -> NavigatorState:
-            at, after = located, control
-            if near is not None:
-                after = near.while_standing(controller, after, last, here, left, right, ranges, begins)
-                after = near.while_driving(controller, after, here, (left.row, right.row))
+            after, at = control, located
+            if self.near is not None:
+                after = self.check_near(left, right, ranged, place, last, after, begins)
             if self.localiser is not None and not controller.has_goals:
                 at = self.locate(left.row, right.row, pose, at)
             sides, difference = controller.sides(seen), controller.difference(after)
-            memory = (before.map, before.observations, before.tracks, at)
-            now = (field_filters, row_filters, after, command, pose, sides, difference, ranges)
-            return self.fill_map(NavigatorState(*now, *memory))
+            now = (fields, rows, after, command, pose, sides, difference, ranges)
+            return self.fill_map(NavigatorState(*now, before.map, before.observations, before.tracks, at))
 
         return command, complete
-
-    def read(self, left: Strips, right: Strips) -> tuple[Any, Any]:
-        """Fields and rows of both cameras, as the backend takes them."""
-        if self.backend == "torch":
-            return (left.field, right.field), (left.row, right.row)
-        fields = as_frames(left.field, right.field)
-        return fields, fields if left.row is left.field else as_frames(left.row, right.row)
-
-    def range(self, rows: Any, state: StereoRangingState | None) -> tuple[Ranges, StereoRangingState]:
-        """Ranges of one frame."""
-        ranging: Any = self._modules["ranging"]
-        if self.backend == "numba":
-            found: tuple[Ranges, StereoRangingState] = ranging.step(rows, state)
-            return found
-        ranges, state = ranging(*rows, state)
-        return Ranges(*(part[..., 0, :] for part in ranges)), state
 
     def begin(self, seen: Any, ranges: Ranges, start: Pose | None) -> NavigatorState:
         """The state before the first frame: the car stands."""
         still = torch.zeros_like(ranges.x[..., 0]) if self.backend == "torch" else 0.0
         pose = Pose(still, still, still) if start is None else start
-        control = self.controller.start(seen, pose)
+        control = self.controller.start(seen, pose_in(pose, self.unit_m))
         return NavigatorState(None, None, control, Command(still, still), pose, None, still, ranges, None, None, None)
+
+    def check_near(
+        self, left: Strips, right: Strips, ranges: Ranges, pose: Pose, last: Command, control: Any, begins: bool
+    ) -> Any:
+        """The controller's state after a check of what is near, if it stands, and after what it requests.
+
+        Args:
+            left, right: frames `[C, H, W]`; ranges and pose are in units of the body.
+            last: driven on the path to the pose.
+            begins: this is the first frame, or the first one after a fault.
+        """
+        assert self.near is not None
+        rows = (left.row, right.row)
+        if abs(last.speed) <= STATIONARY and (begins or self.controller.mode(control) in (SUPPRESSED, STOPPED)):
+            near = Obstacles(ranges.x[ranges.valid], ranges.y[ranges.valid])
+            scan = self.near((left.field, right.field), rows, near)
+            control = self.controller.on_near_obstacles(control, pose, scan)
+        ahead, close = self.controller.sensing_requests(control)
+        if not (ahead or close):
+            return control
+        extra = None
+        if ahead and self.searching is not None:
+            extra = ranges_in(self.searching.step(as_frames(*rows), None)[0], self.unit_m)
+        return self.controller.on_extra_ranges(control, pose, extra, self.near.obstacles(rows) if close else None)
+
+    def localise(
+        self, left: Strips, right: Strips, pose: Pose, control: Any, located: LocaliserState | None
+    ) -> tuple[Pose, Any, LocaliserState | None]:
+        """The pose by which the controller steers, its state, and that of the localiser; where it has goals.
+
+        It never jumps: that of the localiser's odometry, which sees where wheels slip.
+        """
+        if self.localiser is None or not self.controller.has_goals:
+            return pose, control, located
+        located = self.locate(left.row, right.row, pose, located)
+        here, place = pose_like(pose, located.odometry), pose_like(pose, located.pose)
+        control = self.controller.on_pose(control, pose_in(here, self.unit_m), pose_in(place, self.unit_m))
+        return here, control, located
 
     def locate(self, left: Tensor, right: Tensor, pose: Pose, located: LocaliserState | None) -> LocaliserState:
         """The localiser's state with the corrected pose of a frame."""
         assert self.localiser is not None
         rows = None
         if self.localiser.due(located):
-            size = (self.ranging.rig.height, self.ranging.rig.width)
-            ours, theirs = (row if row.ndim == 4 else row.unsqueeze(0) for row in (left, right))
-            rows = grey_pair(ours, theirs, self.row, self.row, size).squeeze(-2)[0]
+            eyes = (row if row.ndim == 4 else row.unsqueeze(0) for row in (left, right))
+            rows = grey_pair(*eyes, self.row, self.row, self.size).squeeze(-2)[0]
         return self.localiser(rows, pose, located)
-
-    def control_pose(self, pose: Pose, located: LocaliserState | None) -> Pose:
-        """Where the car is in the frame of its controller, which never jumps: by dead reckoning.
-
-        A controller that plans in what it saw minutes ago takes that of the localiser, which sees where wheels slip.
-        """
-        return pose if located is None or not self.controller.has_goals else pose_like(pose, located.odometry)
 
     def fill_map(self, state: NavigatorState) -> NavigatorState:
         """Fill the map, the observation list and the tracks, as far as there are any."""
-        if not self.has_memory:
+        if self.grid_map is None and self.observations is None and self.tracker is None:
             return state
         ranges, poses = state.ranges, state.place
         grid, seen, tracks = state.map, state.observations, state.tracks
@@ -352,34 +301,28 @@ class Navigator(nn.Module):
             _, tracks = self.tracker(ranges, poses, tracks)
         return state._replace(map=grid, observations=seen, tracks=tracks)
 
-    def warm_up(self, frame: Tensor | None = None) -> None:
-        """Compile the steps, or load what was compiled before, before a car depends on them.
+    def car_by_car(
+        self,
+        eyes: tuple[Strips, Strips],
+        state: NavigatorState | None,
+        driven: Command | None,
+        start: Pose | None,
+        shape: tuple[int, ...],
+    ) -> tuple[Command, Callable[[], NavigatorState]]:
+        """The compiled steps of a batch."""
+        batch, dims = shape[:-1], len(shape) - 1
+        made = [
+            self.command_first(*(one_car(part, n, dims) for part in (*eyes, state, driven, start)))
+            for n in range(math.prod(batch))
+        ]
+        commands, rests = zip(*made, strict=True)
+        return all_cars(list(commands), batch), lambda: all_cars([rest() for rest in rests], batch)
 
-        The first time takes about 40 s, on two processors less: they compile side by side.
-
-        Args:
-            frame: one like those that will come, `[1, C, H, W]`; compiled steps differ with its dtype and its layout.
-                By default a color image as OpenCV has it, uint8, the colors of a pixel beside each other.
-        """
-        if self.backend == "torch":
-            return
-        if frame is None:
-            height, width = self.ranging.rig.height, self.ranging.rig.width
-            frame = torch.zeros(1, height, width, 3, dtype=torch.uint8).permute(0, 3, 1, 2)
-        if self.controller.checks_near and self.ranging.searched is not None:
-            self.warm_up_senses(frame)
-        _, state = self(frame, frame)
-        self(frame, frame, state)
-        self.warm_up_senses(frame)
-        if self.localiser is not None:
-            self.localiser.warm_up()
-
-    def warm_up_senses(self, frame: Tensor) -> None:
-        """Compile or load what ranges, what checks what is near, and what the controller needs later."""
-        self.ranging.step(as_frames(frame[0], frame[0]), None)
-        if self.near is not None:
-            self.near.warm_up(frame[0])
-        self.controller.warm_up()
+    def on_goal(self, state: NavigatorState, goal: tuple[float, float]) -> NavigatorState:
+        """The state of one car that is sent to another place, x and y in m."""
+        x, y = goal
+        control = self.controller.on_goal(state.control, (x / self.unit_m, y / self.unit_m))
+        return state._replace(control=control)
 
     def mode(self, state: NavigatorState) -> Any:
         """What the controller is doing, `[...]`: one of its `modes`, `CRUISE`, `TURN`, ..."""
@@ -389,6 +332,30 @@ class Navigator(nn.Module):
         modes = [self.controller.mode(one_car(state.control, n, len(cars))) for n in range(state.pose.x.size)]
         return all_cars(modes, cars)
 
+    def warm_up(self, frame: Tensor | None = None) -> None:
+        """Compile the steps, or load what was compiled before, before a car depends on them.
+
+        The first time takes about a minute.
+
+        Args:
+            frame: one like those that will come, `[1, C, H, W]`; compiled steps differ with its dtype and its layout.
+                By default a color image as OpenCV has it, uint8, the colors of a pixel beside each other.
+        """
+        if self.backend == "torch":
+            return
+        if frame is None:
+            frame = torch.zeros(1, *self.size, 3, dtype=torch.uint8).permute(0, 3, 1, 2)
+        _, state = self(frame, frame)
+        self(frame, frame, state)
+        self.ranging.step(as_frames(frame[0], frame[0]), None)
+        if self.near is not None:
+            self.near((frame[0], frame[0]), (frame[0], frame[0]))
+        if self.searching is not None:
+            self.searching.step(as_frames(frame[0], frame[0]), None)
+        self.controller.warm_up()
+        if self.localiser is not None:
+            self.localiser.warm_up()
+
 
 def frames_shape(left: Strips, right: Strips) -> tuple[int, ...]:
     """Leading dimensions `[..., T]` of the frames.
@@ -396,26 +363,13 @@ def frames_shape(left: Strips, right: Strips) -> tuple[int, ...]:
     Raises:
         InputError: strips of different frames, or none.
     """
-    eyes = (left.field, right.field) if left.row is left.field and right.row is right.field else (*left, *right)
-    if not all(isinstance(part, Tensor) for part in eyes):
-        check_eyes(left.field, right.field)
-        check_eyes(left.row, right.row)
-    shape = eyes[0].shape
+    parts = (*left, *right)
+    if not all(isinstance(part, Tensor) for part in parts):
+        raise InputError(f"frames must be tensors, got {', '.join(type(part).__name__ for part in parts)}")
+    shape = left.field.shape
     if len(shape) < 4 or not shape[-4]:
         raise InputError(f"expected frames [..., T, C, H, W] with T >= 1, got {tuple(shape)}")
-    lead = shape[:-3]
-    for part in eyes[1:]:
-        if part.shape != shape and part.shape[:-3] != lead:
-            raise InputError(
-                f"subfields and rows must be of the same frames, got {tuple(shape)} and {tuple(part.shape)}"
-            )
-    return lead
-
-
-def as_tensor(values: Sequence[float]) -> Tensor:
-    return torch.from_numpy(np.array(values, np.float32))
-
-
-def in_time(values: Sequence[Tensor]) -> Tensor:
-    """Values `[...]` of frame after frame as `[..., T]`."""
-    return torch.stack(list(values), -1)
+    for part in parts:
+        if part.shape[:-3] != shape[:-3]:
+            raise InputError(f"all strips must be of the same frames, got {tuple(shape)} and {tuple(part.shape)}")
+    return shape[:-3]

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_dense, check_finite, check_tensor
-from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Command
 from ndtorch.navigation.localisation.localiser import LocaliserState
 from ndtorch.navigation.mapping import GridMapState
@@ -18,7 +15,6 @@ from ndtorch.navigation.mapping.feature_tracks import Tracks
 from ndtorch.navigation.mapping.observations import Observations
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.stereo.ranging import Ranges, StereoRangingState
-from ndtorch.utils.tensors import leaves
 
 
 class NavigatorState(NamedTuple):
@@ -54,62 +50,21 @@ class NavigatorState(NamedTuple):
         return self.pose if self.located is None else pose_like(self.pose, self.located.pose)
 
 
+def pose_in(pose: Pose, unit: float) -> Pose:
+    """A pose in units of so many metres."""
+    return Pose(pose.x / unit, pose.y / unit, pose.heading)
+
+
+def ranges_in(ranges: Ranges, unit: float) -> Ranges:
+    """Ranges in units of so many metres."""
+    return ranges._replace(left_range=ranges.left_range / unit, x=ranges.x / unit, y=ranges.y / unit)
+
+
 def pose_like(pose: Pose, values: Any) -> Pose:
     """An array `[3]` as a pose of tensors or of numbers, as another one is."""
     if isinstance(pose.x, Tensor):
         return Pose(*pose.x.new_tensor(values).unbind())
     return Pose(*values.tolist())
-
-
-def check_like(state: NavigatorState, fresh: NavigatorState) -> None:
-    """Raise `InputError` for the first tensor of a state that is of another kind than that of a fresh one.
-
-    What either of them lacks, and the sizes of what is remembered, are not looked at.
-    """
-    known = leaves(fresh)
-    for name, value in leaves(state._replace(located=None)).items():
-        check_dense(f"state.{name}", value)
-        wanted = known.get(name)
-        if wanted is None or name.startswith("map."):
-            continue
-        if value.shape != wanted.shape:
-            raise InputError(f"state.{name} must be {tuple(wanted.shape)}, got {tuple(value.shape)}")
-        if value.is_floating_point() != wanted.is_floating_point():
-            raise InputError(f"state.{name} must be {wanted.dtype}, got {value.dtype}")
-
-
-def check_motion(driven: Command | None, start: Pose | None, frames: tuple[int, ...]) -> None:
-    """Raise `InputError` for what was driven, or a start, that is not finite: it would stay in the pose for good.
-
-    Args:
-        frames: shape `[..., T]` of the frames.
-    """
-    for name, given, shape in (("driven", driven, frames), ("start", start, frames[:-1])):
-        for part, value in zip(given._fields, given, strict=True) if given is not None else ():
-            value = torch.tensor(value) if isinstance(value, float) else value
-            check_tensor(f"{name}.{part}", value)
-            if value.shape != shape:
-                raise InputError(f"{name}.{part} must be {list(shape)}, got {list(value.shape)}")
-
-
-def check_known(state: NavigatorState) -> None:
-    """Raise `InputError` for a pose or a last command that is not finite: it would stay in the pose for good."""
-    numbers = (*state.pose, *state.command)
-    if all(type(number) is float for number in numbers) and math.isfinite(sum(numbers)):
-        return
-    for name, part in (("pose", state.pose), ("command", state.command)):
-        for field, value in zip(part._fields, part, strict=True):
-            check_finite(f"state.{name}.{field}", torch.as_tensor(value))
-
-
-def check_cars(state: NavigatorState, batch: tuple[int, ...]) -> None:
-    """Raise `InputError` unless the state of compiled steps is of so many cars."""
-    if not batch and all(type(value) is float for value in state.pose):
-        return
-    for name, value in zip(Pose._fields, state.pose, strict=True):
-        if np.shape(value) != batch or not (isinstance(value, float) or getattr(value, "dtype", None) == np.float64):
-            kind = getattr(value, "dtype", type(value).__name__)
-            raise InputError(f"state.pose.{name} must be {list(batch)} of float64, got {kind} {list(np.shape(value))}")
 
 
 def one_car(tree: Any, n: int, dims: int) -> Any:

@@ -8,16 +8,14 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 from torch import nn
 
-from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.proximity.stereo_match import Obstacles, ProximityScan
+from ndtorch.navigation.proximity import Obstacles, ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 
 CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED = 0, 1, 2, 3, 4, 5
 """What a controller can be doing, the numbers of `Controller.mode`."""
-
 
 Backend = Literal["numba", "torch"]
 """What computes a controller: compiled steps of one car after the other, or batched differentiable tensors."""
@@ -42,26 +40,16 @@ class Task:
     """What a controller is asked to do.
 
     Args:
-        goal: The car drives to this place, x and y in m; None for none.
+        goal: Place to drive to, x and y in m; None for none.
         explore: The car then drives wherever it was not yet.
         return_home: The car then drives back to where it began.
-        speed: The car drives at this speed, m/s, where there is room.
+        speed: Speed where there is room, m/s.
     """
 
     goal: tuple[float, float] | None = None
     explore: bool = False
     return_home: bool = False
     speed: float = 0.5
-
-    def __post_init__(self) -> None:
-        check_numbers(self, positive=())
-        if self.goal is not None and not (isinstance(self.goal, tuple | list) and len(self.goal) == 2):
-            raise InputError(f"goal must be x and y in metres, got {self.goal!r}")
-
-    @property
-    def has_goal(self) -> bool:
-        """Whether it says where to go."""
-        return self.goal is not None or self.explore or self.return_home
 
 
 @dataclass(frozen=True)
@@ -97,7 +85,7 @@ class Controller(nn.Module, ABC):
 
     The module holds what is fixed, and its state, a NamedTuple, is passed in and out. With the backend `"torch"` all
     is tensors: what is seen, ranges `[..., n]`, poses and commands `[...]` of one frame. With `"numba"` it is arrays
-    and numbers of one car, ranges `[n]`.
+    and numbers of one car, ranges `[n]`. Lengths are in units of the `Body`, metres for the car of [A].
 
     Attributes:
         name: by which it is chosen.
@@ -141,16 +129,11 @@ class Controller(nn.Module, ABC):
         """The numbers with which the controller does what it is asked to.
 
         Raises:
-            InputError: a task that it does not support.
+            InputError: a goal, which only other controllers have.
         """
-        if task.has_goal and not cls.has_goals:
-            raise InputError(f"the {cls.name} controller has no goals: to, explore and back belong to controller goal")
-        params = cls.Params()
-        if task.speed == Task.speed:
-            return params
-        if not hasattr(params, "speed_m_per_s"):
-            raise InputError(f"the {cls.name} controller has no cruise speed to choose")
-        return replace(params, speed_m_per_s=task.speed)
+        if not cls.has_goals and (task.goal is not None or task.explore or task.return_home):
+            raise InputError(f"the {cls.name} controller has no goals: use the controller goal")
+        return replace(cls.Params(), speed_m_per_s=task.speed)
 
     @property
     def fields(self) -> tuple[Rect, Rect]:
@@ -201,13 +184,7 @@ class Controller(nn.Module, ABC):
         """What it weighs: positive where the car should rather turn left. `trace` says what it is."""
 
     def on_near_obstacles(self, state: Any, pose: Pose, scan: ProximityScan) -> Any:
-        """The state of one standing car after a proximity check.
-
-        Args:
-            state: before.
-            pose: of the car.
-            scan: what was found.
-        """
+        """The state of one standing car at a pose after a proximity check."""
         return state
 
     def sensing_requests(self, state: Any) -> SensingRequest:
@@ -215,13 +192,8 @@ class Controller(nn.Module, ABC):
         return SensingRequest()
 
     def on_extra_ranges(self, state: Any, pose: Pose, ranges: Ranges | None, obstacles: Obstacles | None) -> Any:
-        """The state of one car after what it has requested.
-
-        Args:
-            state: before.
-            pose: of the car.
-            ranges: of places of the left row that were searched for in the right one; None where it did not ask.
-            obstacles: that are near; None where it did not ask.
+        """The state of one car after what it has requested: ranges of a search, near obstacles; None where it did not
+        ask.
         """
         return state
 
@@ -236,11 +208,11 @@ class Controller(nn.Module, ABC):
         return state
 
     def on_goal(self, state: Any, goal: tuple[float, float]) -> Any:
-        """The state of one car that is sent to another place, x and y in m, in place of all that it was asked to do."""
+        """The state of one car that is sent to another place, in place of all that it was asked to do."""
         return state
 
     def can_resume(self, state: Any) -> bool:
-        """Whether one car goes on from this state after it stood; else it begins anew, where it believes to be."""
+        """Whether one car goes on from this state after it stood; else it begins anew at the same pose."""
         return False
 
     def status_message(self, state: Any) -> str | None:

@@ -12,29 +12,14 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_kind, check_numbers, check_tensor
 from ndtorch.errors import InputError
-from ndtorch.navigation.controllers._kernels import (
-    AvoidanceState,
-    SaccadeNumbers,
-    avoidance,
-    saccade_step,
-    subfield_maxima,
-)
 from ndtorch.navigation.controllers.contract import CRUISE, STOPPED, SUPPRESSED, TURN, Command, Controller, Trace
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.stereo._kernels import Frames
+from ndtorch.navigation.stereo._kernels import Array, Frames, cell_maxima, grey_fields, packed
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
-from ndtorch.navigation.stereo.strips import (
-    array_frames,
-    at_rects,
-    check_eyes,
-    check_peak,
-    check_unit_range,
-    checked,
-    grey_pair,
-)
-from ndtorch.utils.jit import packed
+from ndtorch.navigation.stereo.strips import at_rects, check_peak, checked, grey_pair
+from ndtorch.utils.jit import jit
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState, low_pass_step, smoothing_factor, time_dim
 
@@ -79,57 +64,42 @@ class AvoidanceParams:
         check_numbers(self, positive=("turn_radius_m", "tight_radius_m"))
 
 
-class AvoidanceConstants(NamedTuple):
-    """`AvoidanceParams` for one time step as scalar tensors.
+class AvoidanceState(NamedTuple):
+    """State of `SaccadeAvoidance`, every part `[...]`; numbers in `SaccadeController`.
 
-    Torch compares two tensors faster than a tensor and a number, and scalars on the CPU combine with tensors
-    of every device and floating type. Radii are curvatures; times are whole steps, so that no rounding of
-    sums decides when one ends.
+    Attributes:
+        difference: right minus left, low-passed: positive where the car should rather turn left.
+        age: time steps since the last turn began; minus infinity once the car has stopped.
+        curvature: what is being driven, 1/m, to the left positive.
     """
 
-    smoothing: float
-    turn_threshold: Tensor
-    high_threshold: Tensor
-    low_threshold: Tensor
-    normal: Tensor
-    tight: Tensor
-    turn_steps: Tensor
-    watching: Tensor
-    speed: Tensor
-    one: Tensor
-    zero: Tensor
-    stopped: Tensor
+    difference: Any
+    age: Any
+    curvature: Any
 
 
-def avoidance_step(
-    sides: Tensor, state: AvoidanceState, constants: AvoidanceConstants
-) -> tuple[Command, AvoidanceState]:
-    """One time step of the state machine of [A fig. 5].
+class AvoidanceSteps(NamedTuple):
+    """`AvoidanceParams` for one time step. Times are whole steps, so that no rounding of sums decides when one ends.
 
-    A turn lasts its time, then comes the suppression; only cruising watches. There both sides below the low
-    threshold stop the car for good (what does not move sees nothing move), both above the high one start a
-    tight turn, else the smoothed difference can start a normal one. Turns lead away from the larger side.
-
-    Args:
-        sides: speed estimates `[..., 2]` of the left and the right side, scaled.
-        state, constants: where the machine is, and its numbers.
+    Attributes:
+        share: of the low-pass of a step.
+        turn, watching: steps of a turn, and from its start until the car watches again.
+        age: of a car that begins.
     """
-    c = constants
-    left, right = sides.unbind(-1)
-    now = right - left
-    difference = low_pass_step(now, state.difference, c.smoothing)
-    age = state.age + c.one
-    cruising = age >= c.watching
-    high = torch.minimum(left, right) > c.high_threshold
-    stop = cruising & (torch.maximum(left, right) < c.low_threshold)
-    turn = (cruising & (high | (difference.abs() > c.turn_threshold))) > stop
 
-    away = torch.where(high, torch.copysign(c.tight, now), torch.copysign(c.normal, difference))
-    kept = torch.where(age < c.turn_steps, state.curvature, c.zero)
-    curvature = torch.where(turn, away, kept)
-    age = torch.where(turn, c.zero, torch.where(stop, c.stopped, age))
-    speed = torch.where(age > c.stopped, c.speed, c.zero).to(curvature.dtype)
-    return Command(speed, curvature), AvoidanceState(difference, age, curvature)
+    share: float
+    turn: float
+    watching: float
+    age: float
+
+    @classmethod
+    def of(cls, p: AvoidanceParams, dt: float) -> AvoidanceSteps:
+        turn = max(1, round(p.turn_s / dt))
+        suppressed = max(0, round((p.suppression_s - (p.turn_s if p.suppress_from_start else 0.0)) / dt))
+        watching = turn + suppressed
+        # The first step adds one. Where the age is less than a turn's time nothing turns: the curvature is zero.
+        begun = watching - 1 - round(p.start_suppression_s / dt)
+        return cls(smoothing_factor(p.smoothing_s, dt), float(turn), float(watching), float(begun))
 
 
 class SubfieldMotion(nn.Module):
@@ -168,11 +138,10 @@ class SubfieldMotion(nn.Module):
             raise InputError(f"subfields must be of one size and inside {self.size}, got {self.fields}")
 
     def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
-        check_eyes(left, right)
         pair = grey_pair(left, right, *self.fields, self.size)
         motion, state = self.nd_min.scan(pair, state, pair.ndim - 4)
         sides = spatial_maximum(motion)
-        check_unit_range(sides, left)
+        check_peak(sides, left)
         return sides * SPEED_SCALE, state
 
 
@@ -194,14 +163,7 @@ class SaccadeAvoidance(nn.Module):
     def __init__(self, dt: float, params: AvoidanceParams | None = None) -> None:
         super().__init__()
         self.params, self.dt = params or AvoidanceParams(), dt
-        p = self.params
-        share = smoothing_factor(p.smoothing_s, dt)
-        turn = max(1, round(p.turn_s / dt))
-        suppressed = max(0, round((p.suppression_s - (p.turn_s if p.suppress_from_start else 0.0)) / dt))
-        self.turn_steps, self.watching = turn, turn + suppressed
-        values = [p.turn_threshold, p.high_threshold, p.low_threshold, 1 / p.turn_radius_m, 1 / p.tight_radius_m]
-        values += [turn, self.watching, p.speed_m_per_s, 1.0, 0.0, -math.inf]
-        self.constants = AvoidanceConstants(share, *map(torch.tensor, map(float, values)))
+        self.steps = AvoidanceSteps.of(self.params, dt)
 
     def forward(self, sides: Tensor, state: AvoidanceState | None = None) -> tuple[Command, AvoidanceState]:
         dim = time_dim(sides, 1, "sides")
@@ -212,23 +174,97 @@ class SaccadeAvoidance(nn.Module):
             state = self.start(sides.select(dim, 0))
         commands = []
         for sample in sides.unbind(dim):
-            command, state = avoidance_step(sample, state, self.constants)
+            command, state = self.step(sample, state)
             commands.append(command)
         speed, curvature = (torch.stack(parts, -1) for parts in zip(*commands, strict=True))
         return Command(speed, curvature), state
 
+    def step(self, sides: Tensor, state: AvoidanceState) -> tuple[Command, AvoidanceState]:
+        """One time step of the state machine of [A fig. 5].
+
+        A turn lasts its time, then comes the suppression; only cruising watches. There both sides below the low
+        threshold stop the car for good (what does not move sees nothing move), both above the high one start a
+        tight turn, else the smoothed difference can start a normal one. Turns lead away from the larger side.
+
+        Args:
+            sides: speed estimates `[..., 2]` of the left and the right side, scaled.
+            state: before.
+        """
+        p, n = self.params, self.steps
+        left, right = sides.unbind(-1)
+        now = right - left
+        difference = low_pass_step(now, state.difference, n.share)
+        age = state.age + 1.0
+        cruising = age >= n.watching
+        high = torch.minimum(left, right) > p.high_threshold
+        stop = cruising & (torch.maximum(left, right) < p.low_threshold)
+        turn = cruising & ~stop & (high | (difference.abs() > p.turn_threshold))
+        away = torch.where(torch.where(high, now, difference) < 0, -1.0, 1.0)
+        away = away / torch.where(high, p.tight_radius_m, p.turn_radius_m)
+        curvature = torch.where(turn, away, torch.where(age < n.turn, state.curvature, 0.0))
+        age = torch.where(turn, 0.0, torch.where(stop, -math.inf, age))
+        speed = torch.where(age > -math.inf, p.speed_m_per_s, torch.zeros_like(curvature))
+        return Command(speed, curvature), AvoidanceState(difference, age, curvature)
+
     def start(self, sides: Tensor) -> AvoidanceState:
         """The state before the first sample `sides` `[..., 2]`."""
         difference = sides[..., 1] - sides[..., 0]
-        # The first step adds one. Where this is less than a turn's time nothing turns: the curvature is zero.
-        age = torch.full_like(difference, self.watching - 1 - round(self.params.start_suppression_s / self.dt))
-        return AvoidanceState(difference, age, torch.zeros_like(difference))
+        return AvoidanceState(difference, torch.full_like(difference, self.steps.age), torch.zeros_like(difference))
 
     def mode(self, state: AvoidanceState) -> Tensor:
         """What the car is doing, `[...]` integers: `CRUISE`, `TURN`, `SUPPRESSED` or `STOPPED`."""
-        mode = torch.where(state.age < self.watching, SUPPRESSED, CRUISE)
+        mode = torch.where(state.age < self.steps.watching, SUPPRESSED, CRUISE)
         mode = torch.where(state.curvature != 0, TURN, mode)
         return torch.where(state.age == -math.inf, STOPPED, mode)
+
+
+@jit(exact=True)
+def avoidance(
+    left: float, right: float, state: tuple[float, float, float], numbers: Array
+) -> tuple[tuple[float, float], tuple[float, float, float]]:
+    """`SaccadeAvoidance.step` of one car in plain numbers: command and state, plain tuples, which Numba takes at once.
+
+    Args:
+        numbers: `AvoidanceParams` and `AvoidanceSteps`, packed.
+    """
+    p, now, (before, age, curvature) = numbers[0], right - left, state
+    difference, age = before + p.share * (now - before), age + 1.0
+    cruising, high = age >= p.watching, min(left, right) > p.high_threshold
+    stop = cruising and max(left, right) < p.low_threshold
+    if cruising and not stop and (high or abs(difference) > p.turn_threshold):
+        away, radius = (now, p.tight_radius_m) if high else (difference, p.turn_radius_m)
+        curvature, age = math.copysign(1 / radius, away), 0.0
+    elif age >= p.turn:
+        curvature = 0.0
+    if stop:
+        age = -math.inf
+    return (p.speed_m_per_s if age > -math.inf else 0.0, curvature), (difference, age, curvature)
+
+
+@jit(exact=True)
+def subfield_maxima(frames: Frames, settle: bool, low: Array, numbers: Array, new_low: Array, cells: Array) -> float:
+    """`SubfieldMotion` of one frame: the largest |ND-min| of each rectangle into `cells` `[2, 1, 1]`."""
+    grey = np.empty(new_low.shape, np.float32)
+    finite = grey_fields(frames, np.intp(1), grey)
+    peak = cell_maxima(grey, settle, low, numbers[0].a, new_low, cells)
+    cells *= np.float32(SPEED_SCALE)
+    return peak if finite else np.nan
+
+
+@jit(exact=True)
+def saccade_step(
+    frames: Frames, settle: bool, low: Array, state: tuple[float, float, float], numbers: Array, new_low: Array
+) -> tuple[tuple[float, float], tuple[float, float, float]]:
+    """`SubfieldMotion` and `SaccadeAvoidance` of one whole frame of each camera: command and state machine.
+
+    Args:
+        low, new_low: states of the high-pass before and after, `[2, h, w]`.
+        state: of the machine before; it and `low` are not read where the car begins on this frame, `settle`.
+    """
+    cells = np.empty((2, 1, 1), np.float32)
+    subfield_maxima(frames, settle, low, numbers, new_low, cells)
+    left, right = float(cells[0, 0, 0]), float(cells[1, 0, 0])
+    return avoidance(left, right, (right - left, numbers[0].age, 0.0) if settle else state, numbers)
 
 
 @register
@@ -274,7 +310,7 @@ class PublishedControl(Controller):
         self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: AvoidanceState
     ) -> tuple[Command, AvoidanceState]:
         """One time step of the state machine."""
-        return avoidance_step(seen, state, self.rule.constants)
+        return self.rule.step(seen, state)
 
     def mode(self, state: AvoidanceState) -> Tensor:
         """As `SaccadeAvoidance.mode`."""
@@ -283,10 +319,6 @@ class PublishedControl(Controller):
     def difference(self, state: AvoidanceState) -> Any:
         """Right minus left, low-passed."""
         return state.difference
-
-
-SETTLED = (0.0, 0.0, 0.0)
-"""Stands for the state machine before the first frame."""
 
 
 class SaccadeState(NamedTuple):
@@ -308,7 +340,7 @@ class SaccadeController(Controller):
     It can be called by itself, in loops that want nothing else, tens of thousands of steps a second.
 
     Shapes:
-        left, right: uint8 arrays `[H, W, 3]`, `[H, W, 1]` or `[3, H, W]` of the two cameras, both of one kind -> speed
+        left, right: uint8 arrays `[H, W, C]` or `[C, H, W]` of the two cameras, C = 3 or 1, both of one kind -> speed
             in m/s and curvature in 1/m. `state=None` begins with this frame.
 
     Args:
@@ -329,15 +361,12 @@ class SaccadeController(Controller):
         fields: tuple[Rect, Rect] | None = None,
     ) -> None:
         super().__init__(rig, dt, params)
-        look, rule = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, self.params)
-        self.rects, self.size, self.a = look.fields, look.size, look.nd_min.a
-        begun = float(rule.watching - 1 - round(self.params.start_suppression_s / dt))
+        look = SubfieldMotion(rig, dt, fields)
+        self.rects, self.size, self.steps = look.fields, look.size, AvoidanceSteps.of(self.params, dt)
+        self.numbers = packed(self.params, a=float(look.nd_min.a), **self.steps._asdict())
         rect, other = self.rects
-        corners = rect.top, rect.left, other.top, other.left
-        constants = [float(part) for part in rule.constants[:9]]
-        self.numbers = SaccadeNumbers._make((*constants, begun, self.a, *corners))
-        self.packed = packed(self.numbers)
         self.shape = (2, rect.bottom - rect.top, rect.right - rect.left)
+        self.corners = (rect.top, other.top), (rect.left, other.left)
 
     @property
     def fields(self) -> tuple[Rect, Rect]:
@@ -348,11 +377,14 @@ class SaccadeController(Controller):
         self, left: np.ndarray[Any, Any], right: np.ndarray[Any, Any], state: SaccadeState | None = None
     ) -> tuple[Command, SaccadeState]:
         check_kind("state", state, SaccadeState)
-        frames, low = array_frames(left, right, self.size), np.empty(self.shape, np.float32)
-        before, machine = (low, SETTLED) if state is None else (checked(state.low, self.shape), tuple(state.machine))
-        command, after = saccade_step(*frames[:4], before, machine, state is None, low, self.packed)
-        if not math.isfinite(sum((*machine, *after))):  # whole numbers were seen: NaN is of the state, and would stay
-            raise InputError(f"state must be finite, got {state}")
+        shape, interleaved = left.shape, left.shape[:2] == self.size
+        colors, size = (shape[2], shape[:2]) if interleaved else (shape[0], shape[1:])
+        if size != self.size or colors not in (1, 3) or right.shape != shape or not left.dtype == right.dtype == "u1":
+            raise InputError(f"expected two uint8 frames [H, W, C] or [C, H, W] with H, W = {self.size}, got {shape}")
+        left, right = np.ascontiguousarray(left), np.ascontiguousarray(right)
+        frames, low = Frames(left, right, interleaved, 1 / 765, *self.corners), np.empty(self.shape, np.float32)
+        before, machine = (low, (0.0, 0.0, 0.0)) if state is None else (checked(state.low, low.shape), state.machine)
+        command, after = saccade_step(frames, state is None, before, tuple(machine), self.numbers, low)
         return Command(*command), SaccadeState(low, AvoidanceState(*after))
 
     @property
@@ -363,28 +395,25 @@ class SaccadeController(Controller):
     def see(self, frames: Frames, state: Any = None) -> tuple[Any, Any]:
         """Image speeds `[2]`, and the state of the filters."""
         cells, low = np.empty((2, 1, 1), np.float32), np.empty(self.shape, np.float32)
-        before = low if state is None else checked(state, self.shape)
-        check_peak(subfield_maxima(at_rects(frames, self.rects, self.size), state is None, before, self.a, low, cells))
-        return cells.ravel() * SPEED_SCALE, low
+        before, frames = low if state is None else checked(state, low.shape), at_rects(frames, self.rects, self.size)
+        check_peak(subfield_maxima(frames, state is None, before, self.numbers, low, cells))
+        return cells.ravel(), low
 
     def sides(self, seen: Any) -> Any:
         """What is seen are the speeds."""
         return seen
 
-    def begin(self, left: float, right: float) -> AvoidanceState:
-        """Settled on the first sample, suppressed."""
-        return AvoidanceState(right - left, self.numbers.age, 0.0)
-
     def start(self, seen: Any, pose: Pose) -> AvoidanceState:
         """As `SaccadeAvoidance.start`."""
-        return self.begin(*seen.tolist())
+        left, right = seen.tolist()
+        return AvoidanceState(right - left, self.steps.age, 0.0)
 
     def step(
         self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: AvoidanceState
     ) -> tuple[Command, AvoidanceState]:
         """One time step of the state machine."""
-        left, right = seen.tolist()
-        return avoidance.function(left, right, state, self.numbers)
+        command, after = avoidance(*seen.tolist(), tuple(state), self.numbers)
+        return Command(*command), AvoidanceState(*after)
 
     def mode(self, state: AvoidanceState) -> int:
         """As `SaccadeAvoidance.mode`."""
@@ -392,7 +421,7 @@ class SaccadeController(Controller):
             return STOPPED
         if state.curvature:
             return TURN
-        return SUPPRESSED if state.age < self.numbers.watching else CRUISE
+        return SUPPRESSED if state.age < self.steps.watching else CRUISE
 
     def difference(self, state: AvoidanceState) -> float:
         """Right minus left, low-passed."""

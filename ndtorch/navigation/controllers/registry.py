@@ -8,11 +8,12 @@ from functools import cache
 from typing import Any, TypeVar
 
 from ndtorch.errors import InputError, did_you_mean
+from ndtorch.navigation.body import Body, params_for_body
 from ndtorch.navigation.controllers.contract import Controller
 from ndtorch.navigation.stereo.rig import StereoRig
 
 DEFAULT_CONTROLLER = "ranging"
-"""The controller that steers where none is named, in Python and at the command line."""
+BACKENDS = ("numba", "torch")
 
 AnyController = TypeVar("AnyController", bound=type[Controller])
 
@@ -25,11 +26,9 @@ def register(kind: AnyController) -> AnyController:
     Raises:
         InputError: another controller has both.
     """
-    kinds = _kinds.setdefault(kind.name, {})
-    known = kinds.setdefault(kind.backend, kind)
-    if (known.__module__, known.__qualname__) != (kind.__module__, kind.__qualname__):
+    known = _kinds.setdefault(kind.name, {}).setdefault(kind.backend, kind)
+    if known.__qualname__ != kind.__qualname__:
         raise InputError(f"there is a controller {kind.name!r} already, {known.__module__}.{known.__qualname__}")
-    kinds[kind.backend] = kind
     return kind
 
 
@@ -37,8 +36,8 @@ def register(kind: AnyController) -> AnyController:
 def load_own() -> None:
     """Import every file and folder beside this one, so that their controllers are registered."""
     package = __name__.rpartition(".")[0]
-    for found in pkgutil.iter_modules(importlib.import_module(package).__path__):
-        importlib.import_module(f"{package}.{found.name}")
+    for entry in pkgutil.iter_modules(importlib.import_module(package).__path__):
+        importlib.import_module(f"{package}.{entry.name}")
 
 
 def controller_names() -> tuple[str, ...]:
@@ -62,27 +61,23 @@ def controller_class(name: str, backend: str = "auto") -> type[Controller]:
     """
     names = controller_names()
     if name not in names:
-        raise InputError(
-            f"controller must be one of {', '.join(map(repr, names))}, got {name!r}{did_you_mean(name, names)}"
-        )
-    if backend not in ("auto", *BACKENDS):
-        raise InputError(f"backend must be 'auto', 'numba' or 'torch', got {backend!r}")
+        raise InputError(f"controller must be one of {', '.join(names)}, got {name!r}{did_you_mean(name, names)}")
     kinds = _kinds[name]
-    for found in BACKENDS if backend == "auto" else (backend,):
-        if found in kinds:
-            return kinds[found]
-    raise InputError(f"the {name} controller has no backend {backend!r}, only {' and '.join(map(repr, kinds))}")
+    chosen = next((one for one in BACKENDS if one in kinds and backend in ("auto", one)), None)
+    if chosen is None:
+        raise InputError(f"the {name} controller has the backend {' and '.join(kinds)}, got backend={backend!r}")
+    return kinds[chosen]
 
 
-BACKENDS = ("numba", "torch")
-
-
-def make_controller(name: str, rig: StereoRig, dt: float, params: Any = None, backend: str = "auto") -> Controller:
+def make_controller(
+    name: str, rig: StereoRig, dt: float, params: Any = None, backend: str = "auto", body: Body | None = None
+) -> Controller:
     """The controller of this name for a camera pair and a time step.
 
     Args:
         params: its numbers, an instance of its `Params`; the defaults where none are given.
         backend: see `controller_class`.
+        body: whose units all lengths of the controller are in; the car of [A], whose unit is a metre, by default.
 
     Raises:
         InputError: no such controller, or parameters of another one.
@@ -91,4 +86,11 @@ def make_controller(name: str, rig: StereoRig, dt: float, params: Any = None, ba
     >>> type(make_controller('ranging', StereoRig(), 1 / 30)).__name__
     'RangingControl'
     """
-    return controller_class(name, backend)(rig, dt, params)
+    kind = controller_class(name, backend)
+    if body is None:
+        return kind(rig, dt, params)
+    params = params_for_body(kind.Params() if params is None else params, body)
+    try:
+        return kind(rig.in_units(body.unit_m), dt, params)
+    except InputError as error:
+        raise InputError(f"{error} (lengths in units of the body, {body.unit_m:.3g} m)") from None

@@ -1,7 +1,9 @@
-"""Compiled: pixels of both cameras to grey, the high-pass of ND-min, and its largest output in each cell."""
+"""Compiled: pixels of both cameras to grey, the high-pass of ND-min, features of the rows, their partners and ranges."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +12,20 @@ from ndtorch.utils.jit import jit
 
 Array = Any
 """A NumPy array."""
+
+EDGE_SIDE, SAME_EDGE, BLUR = 1.5, 1.5, 2
+"""As `EDGE_SIDES` and the others of `ndtorch.navigation.stereo.features`."""
+
+
+KINDS = {bool: np.bool_, int: np.int64, float: np.float64}
+
+
+def packed(*params: Any, **more: float) -> Array:
+    """The numbers of dataclasses, and others by name, as an array `[1]` of records, which kernels take at once."""
+    declared = [(p, field) for p in params for field in dataclasses.fields(p) if type(field.default) in KINDS]
+    numbers = {field.name: type(field.default)(getattr(p, field.name)) for p, field in declared} | more
+    record = np.dtype([(name, KINDS[type(value)]) for name, value in numbers.items()], align=True)
+    return np.array([tuple(numbers.values())], record)
 
 
 class Frames(NamedTuple):
@@ -30,161 +46,202 @@ class Frames(NamedTuple):
 
 
 @jit
-def grey_row(frame: Array, interleaved: bool, y: int, left: int, every: int, scale: float, grey: Array) -> None:
-    """Grey of every so many pixels of row `y` from column `left` on, as many as `grey` `[n]` holds.
-
-    Literal arguments would compile it anew: callers write `np.intp(0)`.
-    """
-    unit = np.float32(scale)
-    quick = frame.itemsize == 1 and every <= 2
-    if quick and not interleaved and frame.shape[0] == 3:
-        if every == 1:
-            grey_of_planes(frame, y, left, unit, grey)
+def grey_fields(frames: Frames, every: int, grey: Array) -> bool:
+    """Grey of every so many columns of both rectangles, `[2, h, w]`; returns whether all numbers are finite."""
+    total = np.float32(0)
+    for eye in range(2):
+        frame = frames.right if eye else frames.left
+        pixels, top, left = frame.reshape(-1), frames.tops[eye], frames.lefts[eye]
+        if frames.interleaved:
+            _, width, colors = frame.shape
+            row, step, plane = width * colors, every * colors, 1
+            start = top * row + left * colors
         else:
-            grey_of_other_planes(frame, y, left, unit, grey)
-        return
-    pixels = frame.reshape(-1)
-    if interleaved:
-        _, width, colors = frame.shape
-        start, step, plane = (y * width + left) * colors, colors, 1
-    else:
-        colors, height, width = frame.shape
-        start, step, plane = y * width + left, 1, height * width
-    if quick and interleaved and colors == 3:
-        if every == 1:
-            grey_of_triples(pixels, start, unit, grey)
-        else:
-            grey_of_other_triples(pixels, start, unit, grey)
-    else:
-        grey_of_numbers(pixels, start, every * step, colors // 2 * plane, (colors - 1) * plane, unit, grey)
-
-
-# Each loop has one literal step, so that it becomes vector instructions; bytes are added exactly as whole numbers.
-
-
-@jit
-def grey_of_triples(pixels: Array, start: int, unit: float, grey: Array) -> None:
-    """All pixels, colors interleaved."""
-    for x in range(grey.shape[0]):
-        k = np.uintp(start) + np.uintp(3 * x)
-        total = np.uint16(pixels[k]) + np.uint16(pixels[k + np.uintp(1)]) + np.uint16(pixels[k + np.uintp(2)])
-        grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
-
-
-@jit
-def grey_of_other_triples(pixels: Array, start: int, unit: float, grey: Array) -> None:
-    """Every other pixel, colors interleaved."""
-    for x in range(grey.shape[0]):
-        k = np.uintp(start) + np.uintp(6 * x)
-        total = np.uint16(pixels[k]) + np.uint16(pixels[k + np.uintp(1)]) + np.uint16(pixels[k + np.uintp(2)])
-        grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
-
-
-@jit
-def grey_of_planes(frame: Array, y: int, left: int, unit: float, grey: Array) -> None:
-    """All pixels, colors in planes."""
-    row, red, green, blue = np.uintp(y), np.uintp(0), np.uintp(1), np.uintp(2)
-    for x in range(grey.shape[0]):
-        k = np.uintp(left) + np.uintp(x)
-        total = np.uint16(frame[red, row, k]) + np.uint16(frame[green, row, k]) + np.uint16(frame[blue, row, k])
-        grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
-
-
-@jit
-def grey_of_other_planes(frame: Array, y: int, left: int, unit: float, grey: Array) -> None:
-    """Every other pixel, colors in planes."""
-    row, red, green, blue = np.uintp(y), np.uintp(0), np.uintp(1), np.uintp(2)
-    for x in range(grey.shape[0]):
-        k = np.uintp(left) + np.uintp(2 * x)
-        total = np.uint16(frame[red, row, k]) + np.uint16(frame[green, row, k]) + np.uint16(frame[blue, row, k])
-        grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
-
-
-@jit
-def grey_of_numbers(pixels: Array, start: int, step: int, middle: int, last: int, unit: float, grey: Array) -> None:
-    """Numbers of any type, `step` places apart; their other colors are `middle` and `last` places on."""
-    for x in range(grey.shape[0]):
-        k = np.uintp(start + step * x)
-        total = np.float32(pixels[k]) + np.float32(pixels[k + np.uintp(middle)])
-        grey[x] = (total + np.float32(pixels[k + np.uintp(last)])) * unit
-
-
-@jit
-def high_pass(grey: Array, low: Array, start: int, settle: bool, a: float, new_low: Array, size: Array) -> None:
-    """One step of `NDMin` of a row of pixels.
-
-    Args:
-        grey, low, new_low: pixels, the state before and after, `[n]`; the row begins at `start`.
-        settle: the filter starts at rest on these pixels.
-        a: share of the low-pass.
-        size: becomes the magnitude of the output.
-    """
-    first = np.uintp(start)
-    if settle:
-        blend(grey, grey, np.float32(0), grey, first, new_low, size)
-    # As `torch.lerp` rounds it: from the nearer end.
-    elif a < 0.5:
-        blend(low, grey, np.float32(a), grey, first, new_low, size)
-    else:
-        blend(grey, low, np.float32(1 - a), grey, first, new_low, size)
-
-
-@jit(exact=True)
-def blend(one: Array, other: Array, share: float, grey: Array, first: Any, out: Array, size: Array) -> None:
-    """Means of two rows, and how far they are from the pixels."""
-    for x in range(size.shape[0]):
-        k = first + np.uintp(x)
-        mean = one[k] + share * (other[k] - one[k])
-        out[k] = mean
-        size[np.uintp(x)] = abs(grey[k] - mean)
-
-
-@jit
-def is_finite(values: Array) -> bool:
-    """Whether all numbers of an array without gaps are."""
-    flat, total = values.reshape(-1), np.float32(0)
-    for x in range(flat.shape[0]):
-        total += flat[x] * np.float32(0)
+            colors, height, width = frame.shape
+            row, step, plane = width, every, height * width
+            start = top * row + left
+        middle, last = colors // 2 * plane, (colors - 1) * plane
+        for y in range(grey.shape[1]):
+            begin = start + y * row
+            for x in range(grey.shape[2]):
+                k = np.uintp(begin + step * x)
+                value = np.float32(pixels[k]) + np.float32(pixels[k + np.uintp(middle)])
+                value = (value + np.float32(pixels[k + np.uintp(last)])) * np.float32(frames.scale)
+                grey[eye, y, x] = value
+                total += value * np.float32(0)
     return bool(total == 0)
 
 
 @jit
-def cell_maxima(grey: Array, settle: bool, low: Array, gain: float, a: float, new_low: Array, cells: Array) -> float:
-    """`NDMin` of both rectangles `[2, h, w]` and its largest magnitude in each cell; returns the largest of all.
+def high_pass(grey: Array, low: Array, settle: bool, a: float, new_low: Array, size: Array) -> None:
+    """One step of `NDMin` of a row `[n]`: the new state, and magnitudes of the output; `settle` begins at rest."""
+    share = np.float32(a)
+    for x in range(size.shape[0]):
+        mean = grey[x] if settle else low[x] + share * (grey[x] - low[x])
+        new_low[x] = mean
+        size[x] = abs(grey[x] - mean)
+
+
+@jit
+def cell_maxima(grey: Array, settle: bool, low: Array, a: float, new_low: Array, cells: Array) -> float:
+    """`NDMin` of rectangles `[2, h, w]` and its largest magnitude in each cell; returns the largest of all.
 
     Args:
-        gain: factor by which the state is made brighter before.
         cells: becomes the maxima, `[2, bands, blocks]`, top row and leftmost column first.
     """
     _, height, width = low.shape
     _, bands, blocks = cells.shape
     tall, wide = height // bands, width // blocks
-    size, peaks, highest = np.empty(width, np.float32), np.empty(width, np.float32), np.int32(0)
     # Magnitudes have the order of their bits, and maxima of whole numbers become vector instructions.
+    size, peaks, highest = np.empty(width, np.float32), np.empty(width, np.float32), np.float32(0)
     size_bits, peak_bits = size.view(np.int32), peaks.view(np.int32)
-    now, before, after = grey.reshape(-1), low.reshape(-1), new_low.reshape(-1)
-    bright = low.dtype.type(gain)
-    if bright != low.dtype.type(1) and not settle:
-        lit = np.empty(before.size, low.dtype)
-        for k in range(before.size):
-            lit[k] = before[k] * bright
-        before = lit
     for eye in range(2):
         for band in range(bands):
-            for x in range(width):
-                peak_bits[x] = 0
-            for y in range(tall):
-                start = ((eye * bands + band) * tall + y) * width
-                high_pass(now, before, start, settle, a, after, size)
+            peaks[:] = 0
+            for y in range(tall * band, tall * (band + 1)):
+                high_pass(grey[eye, y], low[eye, y], settle, a, new_low[eye, y], size)
                 for x in range(width):
                     peak_bits[x] = max(peak_bits[x], size_bits[x])
             for block in range(blocks):
-                most = np.int32(0)
-                for x in range(wide):
-                    most = max(most, peak_bits[np.uintp(block * wide) + np.uintp(x)])
-                # Here no other block reads any more.
-                peak_bits[block] = most
-                cells[eye, band, block] = peaks[block]
+                most = peaks[block * wide : (block + 1) * wide].max()
+                cells[eye, band, block] = most
                 highest = max(highest, most)
-    peak_bits[0] = highest
-    return float(peaks[0])
+    return float(highest)
+
+
+@jit
+def feature_ranges(
+    frames: Frames, settle: bool, low: Array, new_low: Array, numbers: Array, out: Array, valid: Array
+) -> float:
+    """The step of `StereoRanging` that matches features without prediction; returns the largest motion.
+
+    Args:
+        frames: the row that is read of both.
+        settle: the filters start at rest on these rows.
+        low, new_low: states of the filters, `[2, W]`.
+        numbers: of `row_numbers`.
+        out: becomes range, left and right angle, x and y, `[5, n]`; `valid`: `[n]`.
+    """
+    p, width, n = numbers[0], low.shape[1], valid.shape[0]
+    rows, motion = np.empty((2, 1, width), np.float32), np.empty(width, np.float32)
+    column, strength = np.empty((2, n), np.float32), np.empty((2, n), np.float32)
+    patch, good, most = np.empty((2, n, 3), np.float32), np.empty((2, n), np.bool_), np.float32(0)
+    finite = grey_fields(frames, np.intp(1), rows)
+    for eye in range(2):
+        row = rows[eye, 0]
+        high_pass(row, low[eye], settle, p.a, new_low[eye], motion)
+        most = max(most, motion.max())
+        for x in range(p.border):
+            motion[width - 1 - x if eye else x] = 0
+        strongest(motion, p.spacing_px, column[eye], strength[eye])
+        describe(row, column[eye], strength[eye], numbers, patch[eye], good[eye])
+    match(column, patch, good, numbers, out[0], valid)
+    triangulate(column[0], numbers, out, valid)
+    return float(most) if finite else np.nan
+
+
+@jit(exact=True)
+def strongest(motion: Array, spacing: int, column: Array, strength: Array) -> None:
+    """The largest of `motion` `[W]`, one after the other; it is spoiled."""
+    width = motion.shape[0]
+    motion[0] = motion[width - 1] = -1
+    bits = motion.view(np.int32)  # in the order of the numbers where these are positive
+    for k in range(column.shape[0]):
+        most = bits[1]
+        for x in range(2, width):
+            most = max(most, bits[x])
+        best = 1
+        while best < width - 2 and bits[best] != most:
+            best += 1
+        column[k], strength[k] = best, motion[best]
+        for x in range(max(0, best - spacing), min(best + spacing + 1, width)):
+            motion[x] = -1
+
+
+@jit(exact=True)
+def edge_place(row: Array, column: int, reach: int) -> float:
+    """Where the edge is that made the motion at a column, see `edge_places`."""
+    width, edge, size = row.shape[0], 0, np.float32(-1)
+    for k in range(column - reach - 1, column + reach + 1):
+        at = min(max(k, 0), width - 2)
+        step = abs(row[at + 1] - row[at])
+        if step > size:
+            edge, size = at, step
+    sign, total, moment = np.sign(row[edge + 1] - row[edge]), np.float32(0), np.float32(0)
+    for k in range(edge - BLUR, edge + BLUR + 1):
+        at = min(max(k, 0), width - 2)
+        weight = max((row[at + 1] - row[at]) * sign, np.float32(0))
+        total, moment = total + weight, moment + weight * np.float32(at - edge)
+    place = edge + 0.5 + (moment / total if total > 0 else 0.0)
+    return min(max(place, 1.0), width - 2.0)
+
+
+@jit(exact=True)
+def patch_error(one: Array, other: Array) -> float:
+    """Squared difference of two patches."""
+    a, b, c = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    total: float = a * a + b * b + c * c
+    return total
+
+
+@jit(exact=True)
+def describe(row: Array, column: Array, strength: Array, numbers: Array, patch: Array, good: Array) -> None:
+    """`describe` of `ndtorch.navigation.stereo.features`: places, patches `[n, 3]`, and which features are good."""
+    p, n, width = numbers[0], column.shape[0], row.shape[0]
+    for i in range(n):
+        if p.edge_reach_px:
+            column[i] = edge_place(row, int(column[i]), p.edge_reach_px)
+        for k in range(3):
+            place = column[i] + (EDGE_SIDE if p.edge_reach_px else 1.0) * (k - 1)
+            place = min(max(place, 0.0), width - 1.0)
+            low = min(int(place), width - 2)
+            patch[i, k] = row[low] + np.float32(place - low) * (row[low + 1] - row[low])
+        good[i] = strength[i] >= p.min_motion
+    twin = np.zeros(n, np.bool_)
+    for i in range(n):
+        for j in range(n if p.edge_reach_px else 0):
+            weaker = strength[i] < strength[j] or (strength[i] == strength[j] and j < i)
+            twin[i] = twin[i] or (weaker and abs(column[i] - column[j]) < SAME_EDGE)
+    for i in range(n):
+        good[i] = good[i] and not twin[i]
+        for j in range(n):
+            alike = i != j and not twin[j] and patch_error(patch[i], patch[j]) < p.min_difference
+            good[i] = good[i] and not alike
+
+
+@jit(exact=True)
+def match(column: Array, patch: Array, good: Array, numbers: Array, partner: Array, valid: Array) -> None:
+    """`match_features` of both rows, `[2, n]`: the partner's column of every left feature, and whether it is one."""
+    p, n = numbers[0], column.shape[1]
+    error = np.full((n, n), np.inf)
+    for i in range(n):
+        for j in range(n):
+            if good[0, i] and good[1, j]:
+                error[i, j] = patch_error(patch[0, i], patch[1, j])
+    for i in range(n):
+        j = error[i].argmin()
+        partner[i] = column[1, j]
+        apart = column[0, i] - column[1, j]
+        valid[i] = error[i, j] < p.max_error and p.min_disparity_px < apart < p.max_disparity_px
+        valid[i] = valid[i] and (not p.one_to_one or error[:, j].argmin() == i)
+
+
+@jit(exact=True)
+def triangulate(column: Array, numbers: Array, out: Array, valid: Array) -> None:
+    """Range, left and right angle, x and y into `out` `[5, n]`, whose first line holds the right columns before.
+
+    Args:
+        column: left columns, `[n]`.
+        valid: `[n]`; what is not valid, or does not meet ahead, becomes 0.
+    """
+    p = numbers[0]
+    for i in range(len(column)):
+        left, right = (p.axis - column[i]) * p.factor, (p.axis - out[0, i]) * p.factor
+        if p.exact:
+            left, right = math.atan(left), math.atan(right)
+        valid[i] = valid[i] and right > left
+        out[:, i] = 0
+        if valid[i]:
+            distance = p.baseline * math.cos(right) / math.sin(right - left)
+            out[0, i], out[1, i], out[2, i] = distance, left, right
+            out[3, i], out[4, i] = p.forward + distance * math.cos(left), p.baseline / 2 + distance * math.sin(left)

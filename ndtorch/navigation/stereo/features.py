@@ -1,15 +1,21 @@
-"""Visual features of a row: the places where the image moves most."""
+"""Visual features of both rows, the places where the image moves most, and which of the right belongs to which left."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
+from ndtorch.navigation.body import Body
+from ndtorch.navigation.stereo.rig import StereoRig
+
+USUAL_FOCAL_BASELINE = 129.0
+"""Pixels times metres of the rig of [A], for which the disparities of `MatchParams` and `SearchParams` are."""
 
 
 @dataclass(frozen=True)
@@ -17,9 +23,9 @@ class FeatureParams:
     """What makes a feature. [A Methods]
 
     Args:
-        count: This number of features is looked for, n; 4 to 7 are equally good.
-        spacing_px: Features lie more than this far apart, D_min.
-        min_motion: A feature has at least this raw ND-min output, T_min, for intensities 0..1.
+        count: Number of features of a row, n; 4 to 7 are equally good.
+        spacing_px: Least distance between features, D_min: they lie farther apart.
+        min_motion: Least raw ND-min output of a feature, T_min, for intensities 0..1.
         min_difference: Two features of a row whose patches differ by less than this are both dropped, T_sim.
         edge_reach_px: A feature is moved to the steepest step of brightness within this distance, to a fraction of a
             pixel; 0 leaves it where the motion is largest, as published. See `edge_places`.
@@ -27,8 +33,6 @@ class FeatureParams:
             `MatchParams.min_disparity_px`, which leaves out the outer border of both rows. Not in [A].
         follow_reach_px: A feature is followed within this distance of where its last two places point to; 0 looks for
             the strongest features of every frame anew, as published. See `PredictedFeatures`.
-        ahead_count: This many of the features are reserved for what lies ahead, and looked for there first. Not in
-            [A]: what moves most is usually texture at the side. Features that are followed are not reserved.
 
     Raises:
         InputError: A number is out of range.
@@ -41,12 +45,40 @@ class FeatureParams:
     edge_reach_px: int = 0
     shared: bool = False
     follow_reach_px: int = 0
-    ahead_count: int = 0
 
     def __post_init__(self) -> None:
         check_numbers(self, positive=("count",))
-        if self.ahead_count > self.count:
-            raise InputError(f"ahead_count must lie between 0 and count, got {self.ahead_count} of {self.count}")
+
+
+@dataclass(frozen=True)
+class MatchParams:
+    """How features are matched. [A Methods]
+
+    Args:
+        min_disparity_px: A match has a larger disparity than this, which is 0 or more.
+        max_disparity_px: A match has a smaller disparity than this.
+        one_to_one: A right feature belongs to the left feature that it resembles most, and to no other.
+        max_error: Partners whose patches differ by more than this, [A eq. A.2], are no match. Not in [A].
+
+    Raises:
+        InputError: A number is out of range.
+    """
+
+    min_disparity_px: float = 60.0
+    max_disparity_px: float = 200.0
+    one_to_one: bool = True
+    max_error: float = math.inf
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive=("max_error",))
+        if not self.min_disparity_px < self.max_disparity_px:
+            raise InputError(f"expected min_disparity_px < max_disparity_px, got {self}")
+
+    @classmethod
+    def for_body(cls, rig: StereoRig, body: Body) -> MatchParams:
+        """The disparities at which a body needs ranges, as the defaults are for the car and the rig of [A]."""
+        ratio = rig.focal * rig.baseline / body.unit_m / USUAL_FOCAL_BASELINE
+        return cls(ratio * cls.min_disparity_px, ratio * cls.max_disparity_px)
 
 
 class Features(NamedTuple):
@@ -65,9 +97,22 @@ class Features(NamedTuple):
     valid: Tensor
 
 
-def find_features(
-    row: Tensor, motion: Tensor, params: FeatureParams | None = None, band: tuple[int, int] | None = None
-) -> Features:
+class Matches(NamedTuple):
+    """Left features and their partners, all `[..., n]`, in the order of the left features.
+
+    Attributes:
+        left, right: columns of the feature in the left and the right row.
+        error: squared difference of the patches, [A eq. A.2]; infinite where there is no right feature.
+        valid: bool; only there `min_disparity < left - right < max_disparity`.
+    """
+
+    left: Tensor
+    right: Tensor
+    error: Tensor
+    valid: Tensor
+
+
+def find_features(row: Tensor, motion: Tensor, params: FeatureParams | None = None) -> Features:
     """The n largest |ND-min| outputs of a row, each more than `spacing` pixels from the others. [A Methods]
 
     Then those that are too weak, or whose surroundings look like those of another feature of the row, lose
@@ -75,47 +120,32 @@ def find_features(
 
     Args:
         row: intensities `[..., W]`.
-        motion: ND-min outputs of that row, `[..., W]`, W >= 3.
-        band: columns, from and up to, that see what lies ahead; the middle third by default.
+        motion: ND-min outputs of that row, `[..., W]`.
 
     Raises:
-        InputError: row and motion of different shapes, or W < 3.
+        InputError: row and motion of different shapes, or too narrow for so many features.
     """
     params = params or FeatureParams()
-    if row.shape != motion.shape or row.ndim < 1 or row.shape[-1] < 3:
-        raise InputError(
-            f"expected row and motion of one shape [..., W >= 3], got {tuple(row.shape)} and {tuple(motion.shape)}"
-        )
-    width = row.shape[-1]
-    column, strength = strongest(
-        motion, params.count, params.spacing_px, params.ahead_count, band or (width // 3, width - width // 3)
-    )
-    return describe(row, column, strength, params)
-
-
-def strongest(
-    motion: Tensor, count: int, spacing: int, ahead: int = 0, band: tuple[int, int] = (0, 0)
-) -> tuple[Tensor, Tensor]:
-    """Columns `[..., n]` and magnitudes `[..., n]` of the largest outputs, one after the other. [A Methods]
-
-    The first `ahead` lie in columns `band[0]` up to `band[1]`, as long as anything moves there. Where a row is too
-    short for `count` features the last ones have magnitude -1.
-    """
+    check_width(row, motion, params)
     magnitude = searchable(motion)
-    around = torch.arange(-spacing, spacing + 1, device=motion.device)
+    around = torch.arange(-params.spacing_px, params.spacing_px + 1, device=motion.device)
     columns, strengths = [], []
-    inside = torch.arange(motion.shape[-1], device=motion.device)
-    outside = (inside < band[0]) | (inside >= band[1])
-    for k in range(count):
+    for _ in range(params.count):
         strength, column = magnitude.max(-1, keepdim=True)
-        if k < ahead:
-            there, place = magnitude.masked_fill(outside, -1.0).max(-1, keepdim=True)
-            strength, column = torch.where(there > 0, there, strength), torch.where(there > 0, place, column)
         columns.append(column)
         strengths.append(strength)
-        if k + 1 < count:
-            exclude(magnitude, column + around)
-    return torch.cat(columns, -1), torch.cat(strengths, -1)
+        exclude(magnitude, column + around)
+    return describe(row, torch.cat(columns, -1), torch.cat(strengths, -1), params)
+
+
+def check_width(row: Tensor, motion: Tensor, params: FeatureParams) -> None:
+    """Raise `InputError` unless row and motion are alike and wide enough for all features."""
+    least = params.count * (2 * params.spacing_px + 1) + 2
+    if row.shape != motion.shape or row.ndim < 1 or row.shape[-1] < least:
+        raise InputError(
+            f"expected row and motion of one shape [..., W >= {least}] for {params.count} features, "
+            f"got {tuple(row.shape)} and {tuple(motion.shape)}"
+        )
 
 
 def searchable(motion: Tensor) -> Tensor:
@@ -136,30 +166,20 @@ def describe(row: Tensor, column: Tensor, strength: Tensor, params: FeatureParam
 
     Where features are moved to edges, two may meet at one: the weaker one is dropped.
     """
-    count, width = column.shape[-1], row.shape[-1]
-    crowded = width - 2 < count * (2 * params.spacing_px + 1)  # slots can be empty: see `strongest`
-    if crowded:
-        column = column.clamp(1, width - 2)
+    twin = torch.zeros_like(strength, dtype=torch.bool)
     if params.edge_reach_px:
         column = edge_places(row, column, params.edge_reach_px)
         patch = sample(row, column.unsqueeze(-1) + torch.tensor(EDGE_SIDES, dtype=row.dtype, device=row.device))
+        same = (column.unsqueeze(-1) - column.unsqueeze(-2)).abs() < SAME_EDGE
+        weaker = strength.unsqueeze(-1) < strength.unsqueeze(-2)
+        equal = strength.unsqueeze(-1) == strength.unsqueeze(-2)
+        twin = (same & (weaker | equal.tril(-1))).any(-1)  # of two equals the later one
     else:
         around = torch.arange(-1, 2, device=row.device)
         patch = row.gather(-1, (column.unsqueeze(-1) + around).flatten(-2)).view(*column.shape, 3)
-    valid = strength >= params.min_motion
-    if count > 1:
-        other = patch_error(patch, patch)
-        other.diagonal(dim1=-2, dim2=-1).fill_(float("inf"))
-        if crowded:
-            other = other.masked_fill((strength < 0).unsqueeze(-2), float("inf"))
-        if params.edge_reach_px:
-            same = (column.unsqueeze(-1) - column.unsqueeze(-2)).abs() < SAME_EDGE
-            weaker = strength.unsqueeze(-1) < strength.unsqueeze(-2)
-            equal = strength.unsqueeze(-1) == strength.unsqueeze(-2)
-            twin = (same & (weaker | equal.tril(-1))).any(-1)  # of two equals the later one
-            other = other.masked_fill(twin.unsqueeze(-2), float("inf"))
-            valid = valid & ~twin
-        valid = valid & (other.amin(-1) >= params.min_difference)
+    other = patch_error(patch, patch).masked_fill(twin.unsqueeze(-2), math.inf)
+    other.diagonal(dim1=-2, dim2=-1).fill_(math.inf)
+    valid = (strength >= params.min_motion) & ~twin & (other.amin(-1) >= params.min_difference)
     return Features(column, strength, patch, valid)
 
 
@@ -209,3 +229,97 @@ def sample(row: Tensor, place: Tensor) -> Tensor:
 def patch_error(left: Tensor, right: Tensor) -> Tensor:
     """Squared differences E of all pairs of patches `[..., n, 3], [..., m, 3] -> [..., n, m]`. [A eq. A.2]"""
     return (left.unsqueeze(-2) - right.unsqueeze(-3)).square().sum(-1)
+
+
+def match_features(left: Features, right: Features, params: MatchParams | None = None) -> Matches:
+    """For each left feature the right one with the smallest 3-pixel squared difference. [A eq. A.2]
+
+    Only afterwards the disparity `d = left column - right column` must lie in its window: a window on the
+    candidates would force false partners on features whose true partner is outside. The disparity is signed,
+    because what is seen by parallel cameras lies further to the right in the left image.
+    """
+    params = params or MatchParams()
+    error = patch_error(left.patch, right.patch)
+    error = error.masked_fill(~(left.valid.unsqueeze(-1) & right.valid.unsqueeze(-2)), math.inf)
+    best, partner = error.min(-1)
+    column = right.column.gather(-1, partner)
+    disparity = left.column - column
+    # Without a partner the error is infinite, which is below no limit.
+    valid = (best < params.max_error) & (disparity > params.min_disparity_px) & (disparity < params.max_disparity_px)
+    if params.one_to_one:
+        owner = error.argmin(-2).gather(-1, partner)
+        valid = valid & (owner == torch.arange(owner.shape[-1], device=owner.device))
+    return Matches(left.column, column, best, valid)
+
+
+class PredictionState(NamedTuple):
+    """State of `PredictedFeatures`: the last and the last but one column of each feature, `[..., n]`."""
+
+    last: Tensor
+    before: Tensor
+
+
+class PredictedFeatures(nn.Module):
+    """Features of a row that prefer the object they were on, in place of `find_features`. [§2.1.4]
+
+    Each feature is looked for within `reach` pixels of `2 last - before`, in the order of the slots; one whose
+    largest |ND-min| there is below `min_motion` is lost, and its slot refilled with the strongest output of the
+    whole row. It searches a few pixels instead of the row, and maps less densely, because features hop less.
+
+    Shapes:
+        row, motion `[..., T, W]` -> `Features` of `[..., T, n]`, in the order of the slots, not of strength.
+        `state=None` starts with the strongest outputs of the first row.
+
+    Args:
+        params: as for `find_features`.
+        reach: how far from the expected column a feature is looked for, pixels.
+
+    Raises:
+        InputError: row and motion of different shapes, or too narrow for so many features.
+    """
+
+    def __init__(self, params: FeatureParams | None = None, reach: int = 3) -> None:
+        super().__init__()
+        self.params, self.reach = params or FeatureParams(), reach
+
+    def forward(
+        self, row: Tensor, motion: Tensor, state: PredictionState | None = None
+    ) -> tuple[Features, PredictionState]:
+        check_width(row, motion, self.params)
+        if state is None:
+            # Nothing is expected anywhere: every slot is lost and refilled from the whole row.
+            nowhere = row.new_full((*row.shape[:-2], self.params.count), -self.reach, dtype=torch.int64)
+            state = PredictionState(nowhere, nowhere)
+        columns, strengths = [], []
+        for sample in motion.unbind(-2):
+            column, strength, state = self.step(sample, state)
+            columns.append(column)
+            strengths.append(strength)
+        return describe(row, torch.stack(columns, -2), torch.stack(strengths, -2), self.params), state
+
+    def step(self, motion: Tensor, state: PredictionState) -> tuple[Tensor, Tensor, PredictionState]:
+        """Columns and magnitudes of the features in the next row `[..., W]`, and the new state."""
+        magnitude, p = searchable(motion), self.params
+        spacing = torch.arange(-p.spacing_px, p.spacing_px + 1, device=motion.device)
+        window = torch.arange(-self.reach, self.reach + 1, device=motion.device)
+        expected = 2 * state.last - state.before
+        columns, strengths, lost = [], [], []
+        for k in range(p.count):
+            places = (expected[..., k : k + 1] + window).clamp(0, motion.shape[-1] - 1)
+            strength, index = magnitude.gather(-1, places).max(-1, keepdim=True)
+            column = places.gather(-1, index)
+            lost.append(strength < p.min_motion)
+            # A lost feature must not keep others away: it excludes only the border, which is excluded anyway.
+            exclude(magnitude, torch.where(lost[k], 0, column + spacing))
+            columns.append(column)
+            strengths.append(strength)
+        before = state.last.clone()
+        for k in range(p.count):
+            strength, column = magnitude.max(-1, keepdim=True)
+            columns[k] = torch.where(lost[k], column, columns[k])
+            strengths[k] = torch.where(lost[k], strength, strengths[k])
+            exclude(magnitude, torch.where(lost[k], column + spacing, 0))
+            # A new feature has no past: it is expected to stay.
+            before[..., k : k + 1] = torch.where(lost[k], column, before[..., k : k + 1])
+        column = torch.cat(columns, -1)
+        return column, torch.cat(strengths, -1), PredictionState(column, before)

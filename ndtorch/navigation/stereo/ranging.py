@@ -9,32 +9,25 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_dense, check_state
+from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
-from ndtorch.navigation.stereo._kernels import Frames
-from ndtorch.navigation.stereo._kernels_features import FeatureNumbers, RowGeometry, feature_ranges
-from ndtorch.navigation.stereo._kernels_features import triangulate as triangulate_places
-from ndtorch.navigation.stereo._kernels_search import find_places, grey_rows
-from ndtorch.navigation.stereo.correspondence import Matches, MatchParams, match_features
-from ndtorch.navigation.stereo.features import FeatureParams, Features, find_features
-from ndtorch.navigation.stereo.prediction import PredictedFeatures, PredictionState
-from ndtorch.navigation.stereo.rig import AngleModel, StereoRig
-from ndtorch.navigation.stereo.search import SearchParams, search_rows
-from ndtorch.navigation.stereo.strips import (
-    at_rects,
-    check_eyes,
-    check_peak,
-    check_unit_range,
-    checked,
-    grey_pair,
-    row_rect,
+from ndtorch.navigation.stereo._kernels import Frames, feature_ranges, grey_fields, packed
+from ndtorch.navigation.stereo._kernels import triangulate as triangulate_places
+from ndtorch.navigation.stereo.features import (
+    FeatureParams,
+    Features,
+    Matches,
+    MatchParams,
+    PredictedFeatures,
+    PredictionState,
+    find_features,
+    match_features,
 )
-from ndtorch.utils.jit import packed
+from ndtorch.navigation.stereo.rig import AngleModel, StereoRig
+from ndtorch.navigation.stereo.search import SearchParams, find_places, search_rows
+from ndtorch.navigation.stereo.strips import at_rects, check_peak, checked, grey_pair, row_rect
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
-
-AHEAD = math.radians(15.0)
-"""Bearings within which something lies ahead: the path of the body from 0.6 m on, for the rig of [A]."""
 
 
 class Ranges(NamedTuple):
@@ -131,63 +124,56 @@ class StereoRanging(nn.Module):
         super().__init__()
         if angles not in ("atan", "linear"):
             raise InputError(f"angles must be 'atan' or 'linear', got {angles!r}")
-        self.rig, self.angles = rig, angles
-        self.features, self.matching = features or FeatureParams(), matching or MatchParams()
+        self.rig, self.angles, self.size = rig, angles, (rig.height, rig.width)
+        self.features, self.matching = f, m = features or FeatureParams(), matching or MatchParams()
         self.search = search
         self.row, self.horizon = row_rect(rig, 1 if search is None else search.rows), row_rect(rig)
-        self.band = rig.columns(AHEAD)
         self.nd_min = NDMin(tau_high, dt)
-        self.follow = (
-            PredictedFeatures(self.features, self.features.follow_reach_px) if self.features.follow_reach_px else None
-        )
-        exact = angles == "atan"
-        factor = math.cos(rig.pitch) / rig.focal if exact else rig.pixel_angle
-        self.geometry = packed(
-            RowGeometry(float(rig.center[0]), factor, float(rig.baseline), float(rig.forward), exact)
-        )
-        f, m = self.features, self.matching
+        self.follow = PredictedFeatures(f, f.follow_reach_px) if f.follow_reach_px else None
         # Nearer the border, a partner with the smallest disparity would lie outside the other row.
         self.border = math.ceil(m.min_disparity_px) if f.shared else 0
-        limits = (float(m.min_disparity_px), float(m.max_disparity_px), m.one_to_one, float(m.max_error))
-        places = (f.edge_reach_px, self.border, f.ahead_count, *self.band)
-        least = (float(f.min_motion), float(f.min_difference))
         self.numbers = packed(
-            FeatureNumbers(f.count, f.spacing_px, least[0], least[1], *places, *limits, self.nd_min.a)
+            f,
+            m,
+            border=self.border,
+            a=float(self.nd_min.a),
+            axis=float(rig.center[0]),
+            factor=math.cos(rig.pitch) / rig.focal if angles == "atan" else rig.pixel_angle,
+            exact=angles == "atan",
+            baseline=float(rig.baseline),
+            forward=float(rig.forward),
         )
-        self.searched = None if search is None else search.numbers(self.band)
+        self.searched = None if search is None else packed(search)
 
     def forward(
         self, left: Tensor, right: Tensor, state: StereoRangingState | None = None
     ) -> tuple[Ranges, StereoRangingState]:
         check_state(state, StereoRangingState)
-        check_eyes(left, right)
-        one = left.ndim > 1 and left.shape[-2] == 1
-        rect = self.horizon if one else self.row
-        rows = grey_pair(left, right, rect, rect, (self.rig.height, self.rig.width))
+        rect = self.horizon if getattr(left, "ndim", 0) > 1 and left.shape[-2] == 1 else self.row
+        rows = grey_pair(left, right, rect, rect, self.size)
         if self.search is not None:
-            if left.is_floating_point():
-                check_unit_range(rows.abs(), left)
-            ranges = triangulate(search_rows(rows, self.search, self.band), self.rig, self.angles)
+            check_peak(rows.abs(), left)
             # It needs no motion; the state keeps the last rows, as filters do that have settled on them.
             horizon = rows[..., -1, :, rows.shape[-2] // 2, :].unsqueeze(-2)
+            ranges = triangulate(search_rows(rows, self.search), self.rig, self.angles)
             return ranges, StereoRangingState(FilterState(horizon), None)
-        if state is not None:
-            check_dense("state.rows.low", state.rows.low)
         motion, filters = self.nd_min.scan(rows, state.rows if state else None, rows.ndim - 4)
-        if left.is_floating_point():
-            check_unit_range(spatial_maximum(motion), left)
+        check_peak(spatial_maximum(motion), left)
+        rows, motion, followed = rows.squeeze(-2), motion.squeeze(-2), state.followed if state else None
         if self.border:
-            motion = self.without_borders(motion)
-        found, followed = self.find(rows.squeeze(-2), motion.squeeze(-2), state.followed if state else None)
-        eyes = zip(
-            found.column.unbind(-2),
-            found.strength.unbind(-2),
-            found.patch.unbind(-3),
-            found.valid.unbind(-2),
-            strict=True,
-        )
-        ours, theirs = (Features(*eye) for eye in eyes)
-        ranges = triangulate(match_features(ours, theirs, self.matching), self.rig, self.angles)
+            # What lies left in the left row, or right in the right one, has no partner.
+            inside = torch.arange(self.size[1], device=motion.device) >= self.border
+            motion = motion * torch.stack((inside, inside.flip(0)))
+        if self.follow is None:
+            found = find_features(rows, motion, self.features)
+        else:
+            found, followed = self.follow(rows.transpose(-2, -3), motion.transpose(-2, -3), followed)
+            column, strength, patch, valid = found
+            patch = patch.transpose(-3, -4)
+            found = Features(column.transpose(-2, -3), strength.transpose(-2, -3), patch, valid.transpose(-2, -3))
+        eyes = (found.column.unbind(-2), found.strength.unbind(-2), found.patch.unbind(-3), found.valid.unbind(-2))
+        one, other = (Features(*eye) for eye in zip(*eyes, strict=True))
+        ranges = triangulate(match_features(one, other, self.matching), self.rig, self.angles)
         return ranges, StereoRangingState(filters, followed)
 
     def step(self, frames: Frames, state: StereoRangingState | None) -> tuple[Ranges, StereoRangingState]:
@@ -197,47 +183,24 @@ class StereoRanging(nn.Module):
             frames: whole frames, or rows.
             state: of the step before; None begins with this frame.
         """
-        height, width = frames.left.shape[0 if frames.interleaved else 1], self.rig.width
-        if self.follow is not None:
-            return self.followed(frames, state)
-        rect = self.horizon if height == 1 else self.row
-        rows, low = at_rects(frames, (rect, rect), (self.rig.height, width)), np.empty((2, width), np.float32)
-        if self.searched is not None:
-            count = self.searched.places
-            found, out = np.empty((3, count), np.float32), np.empty((5, count), np.float32)
-            pair = np.empty((2, rect.bottom - rect.top, width), np.float32)
-            peak = grey_rows(rows, pair, low)
-            find_places(*pair, self.searched, found)
-            out[0], valid = found[1], found[0] > 0
-            triangulate_places(found[0], self.geometry, out, valid)
+        if self.follow is not None:  # torch follows features from frame to frame
+            order = (2, 0, 1) if frames.interleaved else (0, 1, 2)
+            eyes = (torch.from_numpy(eye).permute(order).unsqueeze(0) for eye in frames[:2])
+            ranges, after = self(*eyes, state)
+            return Ranges(*(part[0].numpy() for part in ranges)), after
+        rect = self.horizon if frames.left.shape[0 if frames.interleaved else 1] == 1 else self.row
+        rows, low = at_rects(frames, (rect, rect), self.size), np.empty((2, self.size[1]), np.float32)
+        if self.search is not None:
+            pair = np.empty((2, rect.bottom - rect.top, low.shape[1]), np.float32)
+            found = np.empty((3, self.search.count), np.float32)
+            peak = np.nan if not grey_fields(rows, 1, pair) else max(pair.max(), -pair.min())
+            low[:] = pair[:, pair.shape[1] // 2]
+            find_places(pair, self.searched, found)
+            out, valid = np.stack((found[1],) * 5), found[0] > 0
+            triangulate_places(found[0], self.numbers, out, valid)
         else:
             out, valid = np.empty((5, self.features.count), np.float32), np.empty(self.features.count, np.bool_)
             before = low if state is None else checked(state.rows, low.shape)
-            peak = feature_ranges(rows, state is None, before, low, self.numbers, self.geometry, out, valid)
+            peak = feature_ranges(rows, state is None, before, low, self.numbers, out, valid)
         check_peak(peak)
-        distance, left, right, x, y = out
-        return Ranges(distance, left, right, x, y, valid), StereoRangingState(low, None)
-
-    def followed(self, frames: Frames, state: StereoRangingState | None) -> tuple[Ranges, StereoRangingState]:
-        """`step` where features are followed from frame to frame, which torch does."""
-        eyes = (torch.from_numpy(eye) for eye in (frames.left, frames.right))
-        planes = ((eye.permute(2, 0, 1) if frames.interleaved else eye).unsqueeze(0) for eye in eyes)
-        ranges, after = self(*planes, state)
-        return Ranges(*(part[0].numpy() for part in ranges)), after
-
-    def without_borders(self, motion: Tensor) -> Tensor:
-        """Motion `[..., 2, 1, W]` less the columns that have no partner: left of the left row, right of the right."""
-        motion = motion.clone()
-        motion[..., 0, :, : self.border] = 0
-        motion[..., 1, :, motion.shape[-1] - self.border :] = 0
-        return motion
-
-    def find(
-        self, rows: Tensor, motion: Tensor, state: PredictionState | None
-    ) -> tuple[Features, PredictionState | None]:
-        """Features of rows `[..., T, 2, W]`: those of each frame, or the same ones as long as they can be followed."""
-        if self.follow is None:
-            return find_features(rows, motion, self.features, self.band), None
-        found, state = self.follow(rows.transpose(-2, -3), motion.transpose(-2, -3), state)
-        column, strength, valid = (x.transpose(-2, -3) for x in (found.column, found.strength, found.valid))
-        return Features(column, strength, found.patch.transpose(-3, -4), valid), state
+        return Ranges(*out, valid), StereoRangingState(low, None)

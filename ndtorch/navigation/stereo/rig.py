@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -19,11 +19,9 @@ from ndtorch.errors import InputError
 AngleModel = Literal["atan", "linear"]
 
 Matrix = Sequence[Sequence[float]] | Tensor | npt.NDArray[Any]
-"""A matrix of numbers, whoever made it."""
 
 ALIKE = 1e-3
-"""Share of the focal length by which matrices of a rectified pair may differ: files give a few decimals."""
-
+"""Ratio of the focal length by which matrices of a rectified pair may differ: files give a few decimals."""
 
 MAX_BASELINE = 2.0
 """Metres: a longer baseline is most often one in millimetres."""
@@ -85,7 +83,6 @@ class StereoRig:
         rescale: bool = False,
         unit_m: float | None = None,
         cameras: tuple[int, int] = (0, 1),
-        max_baseline_m: float = MAX_BASELINE,
         **where: float,
     ) -> StereoRig:
         """The rig of a calibration that somebody else has made, in one file or in one a camera, the left one first.
@@ -95,7 +92,6 @@ class StereoRig:
 
         Args:
             paths, width, height, rescale, unit_m, cameras: as `load_calibration`.
-            max_baseline_m: A longer baseline is taken for a wrong unit.
             where: `camera_height`, `pitch` and `forward`, which no calibration knows.
 
         Raises:
@@ -109,7 +105,7 @@ class StereoRig:
             raise InputError(f"{paths[0]} does not say how large the images are: give width and height of the frames")
         left, right = found.left.projection, found.right.projection
         width, height = found.size
-        return cls.from_projections(left, right, width, height, max_baseline_m=max_baseline_m, **where)
+        return cls.from_projections(left, right, width, height, **where)
 
     @classmethod
     def from_projections(
@@ -120,7 +116,6 @@ class StereoRig:
         height: int,
         *,
         baseline: float | None = None,
-        max_baseline_m: float = MAX_BASELINE,
         **where: float,
     ) -> StereoRig:
         """The rig of a rectified pair, from the projection matrices of both cameras.
@@ -133,7 +128,6 @@ class StereoRig:
                 with `baseline`.
             width, height: size of a frame in pixels.
             baseline: distance between the cameras, m, where the matrices do not contain it.
-            max_baseline_m: A longer baseline is taken for a wrong unit.
             where: `camera_height`, `pitch` and `forward`, which no calibration knows.
 
         Raises:
@@ -142,20 +136,15 @@ class StereoRig:
                 that is too long.
         """
         p, q = (torch.as_tensor(matrix, dtype=torch.float64) for matrix in (left, right))
-        given = tuple(p.shape), tuple(q.shape)
-        p, q = (m.reshape(3, -1) if m.numel() in (9, 12) else m for m in (p, q))
-        if p.shape not in ((3, 3), (3, 4)) or p.shape != q.shape or not bool(torch.stack((p, q)).isfinite().all()):
-            raise InputError(f"expected two finite 3 x 4 matrices, got {given[0]} and {given[1]}")
-        if p.shape == (3, 3):
-            if baseline is None:
-                raise InputError("3 x 3 matrices do not tell how far the cameras are apart: give baseline, in m")
-            p, q = (torch.cat((m, torch.zeros(3, 1, dtype=torch.float64)), 1) for m in (p, q))
-        scale = float(p[2, 2])
-        if not scale > 0 or float(q[2, 2]) != scale:
-            raise InputError("the last rows of both projection matrices must be alike and end in 1, 0")
-        p, q = p / scale, q / scale
-        focal, across = float(p[0, 0]), max(abs(float(p[1, 1] - p[0, 0])), float((p - q)[:, :3].abs().max()))
-        if not focal > 0 or across > ALIKE * focal:
+        if p.numel() not in (9, 12) or p.numel() != q.numel() or not bool((p.sum() + q.sum()).isfinite()):
+            raise InputError(f"expected two finite 3 x 4 matrices, got {tuple(p.shape)} and {tuple(q.shape)}")
+        p, q = p.reshape(3, -1), q.reshape(3, -1)
+        if p.shape == (3, 3) and baseline is None:
+            raise InputError("3 x 3 matrices do not tell how far the cameras are apart: give baseline, in m")
+        p, q = p / p[2, 2], q / q[2, 2]
+        focal = float(p[0, 0])
+        across = max(abs(float(p[1, 1]) - focal), float((p - q)[:, :3].abs().max()))
+        if not (focal > 0 and across <= ALIKE * focal):
             raise InputError(
                 f"both cameras must be rectified to one focal length and one axis (with OpenCV "
                 f"CALIB_ZERO_DISPARITY); their matrices differ by {across:.3g} pixels"
@@ -163,31 +152,29 @@ class StereoRig:
         apart = float(p[0, 3] - q[0, 3]) / focal if baseline is None else baseline
         if not apart > 0:
             raise InputError(f"the second matrix must be of the camera on the right, got a baseline of {apart:.3g} m")
-        if apart > max_baseline_m:
+        if baseline is None and apart > MAX_BASELINE:
             raise InputError(
-                f"the cameras are {apart:.3g} m apart, more than {max_baseline_m:g} m: is the file in mm? Divide the "
-                "last column by 1000 (unit_m=0.001 of load), or give max_baseline_m"
+                f"the cameras are {apart:.3g} m apart, more than {MAX_BASELINE:g} m: is the file in mm? Divide the "
+                "last column by 1000 (unit_m=0.001 of load), or give baseline"
             )
         return cls(apart, focal, width, height, cx=float(p[0, 2]), cy=float(p[1, 2]), **where)
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        for name in ("baseline", "focal", "width", "height", "camera_height"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} must be a positive number, got {getattr(self, name)}")
-        if not abs(self.pitch) < math.pi / 2:
-            raise InputError(f"expected pitch within +-pi/2, got {self.pitch}")
-        for name, size in (("cx", self.width), ("cy", self.height)):
-            place = getattr(self, name)
-            if place is not None and not 0 <= place <= size - 1:
-                raise InputError(f"{name} must lie inside the frame, between 0 and {size - 1}, got {place}")
+        if not min(self.baseline, self.focal, self.camera_height) > 0 or not abs(self.pitch) < math.pi / 2:
+            raise InputError(f"expected baseline, focal and camera_height above 0 and |pitch| < pi / 2, got {self}")
         if max(self.width, self.height) > LONGEST_SIDE:
             raise InputError(f"width and height must be at most {LONGEST_SIDE}, got {self.width}x{self.height}")
-        if self.width < 8 or not 0 <= self.row < self.height:
-            raise InputError(
-                f"the horizon must lie inside frames 8 pixels wide or more, got width {self.width} and height "
-                f"{self.height}, and by pitch and focal the horizon in row {self.row}"
-            )
+        column, row = self.center
+        if self.width < 8 or not (0 <= column <= self.width - 1 and 0 <= row <= self.height - 1):
+            raise InputError(f"cx and cy must lie inside the frame, of 8 columns or more, got {self}")
+        if not 0 <= self.row < self.height:
+            raise InputError(f"the horizon must lie inside the frame; by pitch and focal it is in row {self.row}")
+
+    def in_units(self, unit: float) -> StereoRig:
+        """The rig with its lengths in units of so many metres."""
+        lengths = {name: getattr(self, name) / unit for name in ("baseline", "camera_height", "forward")}
+        return replace(self, **lengths)
 
     @property
     def row(self) -> int:
@@ -199,12 +186,6 @@ class StereoRig:
         """Column and row where the axes meet the frames."""
         column = (self.width - 1) / 2 if self.cx is None else self.cx
         return column, (self.height - 1) / 2 if self.cy is None else self.cy
-
-    def columns(self, angle: float) -> tuple[int, int]:
-        """Columns, from and up to, that look within so many radians of straight ahead."""
-        reach = self.focal / math.cos(self.pitch) * math.tan(angle)
-        start, end = math.ceil(self.center[0] - reach), math.floor(self.center[0] + reach) + 1
-        return max(start, 0), min(end, self.width)
 
     @cached_property
     def pixel_angle(self) -> float:
@@ -266,21 +247,16 @@ class StereoRig:
         bearing = torch.tensor([inner, outer, inner, outer], dtype=torch.float64)
         column, row = self.project(x, x * bearing.tan(), -self.camera_height)
         # Pixel n reaches from n - 1/2 to n + 1/2: every pixel whose center lies inside belongs to the box.
-        top, left = math.ceil(float(row.min())), math.ceil(float(column.min()))
+        top, left, begin = (math.ceil(float(part.min())) for part in (row, column, 2 * self.center[0] - column))
         bottom, right = math.floor(float(row.max())) + 1, math.floor(float(column.max())) + 1
-        mirrored = 2 * self.center[0] - column
         # Where the axes lie between two pixels, boxes of both images are still of one size.
-        left_2 = math.ceil(float(mirrored.min()))
-        right_2 = left_2 + right - left
-        visible = 0 <= top < bottom <= self.height and all(
-            0 <= start < end <= self.width for start, end in ((left, right), (left_2, right_2))
-        )
-        if not visible:
+        boxes = Rect(top, bottom, left, right), Rect(top, bottom, begin, begin + right - left)
+        if not all(0 <= r.top < r.bottom <= self.height and 0 <= r.left < r.right <= self.width for r in boxes):
             raise InputError(
                 f"the floor {near:g}-{far:g} m ahead projects to rows {top}-{bottom}, columns {left}-{right} "
                 f"of {self.width}x{self.height} frames{self.floor_hint(near)}"
             )
-        return Rect(top, bottom, left, right), Rect(top, bottom, left_2, right_2)
+        return boxes
 
     @property
     def floor_from(self) -> float:
@@ -292,13 +268,6 @@ class StereoRig:
         """What to change so that floor is in view from this depth on, m; empty where it is in view."""
         if self.floor_from <= near:
             return ""
-        view = math.atan((self.height - 1 - self.center[1]) / self.focal)
-        pitch = math.atan(self.camera_height / near) - view
-        # The horizon row, which is ranged, must stay in view.
-        lowest = math.atan(self.center[1] / self.focal)
-        ways = [f"pitch the cameras {math.degrees(pitch):.0f} degrees down"] if pitch < lowest else []
-        if view + self.pitch > 0:
-            ways.insert(0, f"mount the cameras at most {near * math.tan(view + self.pitch):.2f} m high")
-        return (
-            f"; the nearest floor in view is {self.floor_from:.2f} m ahead: {', or '.join(ways) or 'use other lenses'}"
-        )
+        view = math.atan((self.height - 1 - self.center[1]) / self.focal) + self.pitch
+        way = f"mount the cameras at most {near * math.tan(view):.2f} m high, or pitch them" if view > 0 else "pitch them"
+        return f"; the nearest floor in view is {self.floor_from:.2f} m ahead: {way} farther down"

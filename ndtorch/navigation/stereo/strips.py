@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_dense, is_whole
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
@@ -50,78 +49,71 @@ def row_rect(rig: StereoRig, rows: int = 1) -> Rect:
     Raises:
         InputError: rows beyond the border of the frame.
     """
-    if not (is_whole(rows) and rows >= 1):
-        raise InputError(f"rows must be a whole number of at least 1, got {rows}")
     top, bottom = rig.row - rows // 2, rig.row + rows // 2 + 1
-    if top < 0 or bottom > rig.height:
+    if rows < 1 or top < 0 or bottom > rig.height:
         raise InputError(f"{rows} rows around the horizon, row {rig.row}, leave frames of {rig.height} rows")
     return Rect(top, bottom, 0, rig.width)
 
 
 def cut(frames: Tensor, rect: Rect) -> Tensor:
     """The pixels of a rectangle, a view."""
-    rows = frames.narrow(-2, rect.top, rect.bottom - rect.top)
-    return rows.narrow(-1, rect.left, rect.right - rect.left)
+    return frames[..., rect.top : rect.bottom, rect.left : rect.right]
 
 
-def check_eyes(left: Tensor, right: Tensor) -> None:
-    """Raise `InputError` unless both are tensors that hold numbers, before anything is read of them."""
-    check_dense("left", left)
-    check_dense("right", right)
-
-
-def grey_pair(
-    left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, size: tuple[int, int], every: int = 1
-) -> Tensor:
+def grey_pair(left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, size: tuple[int, int]) -> Tensor:
     """Grey intensities in 0..1 of one rectangle of each image, `[..., T, 2, h, w]`, left first.
 
     Args:
         left, right: frames `[..., T, C, H, W]`, uint8 or float in 0..1, C = 3 (mean of RGB) or 1, either
             whole (of `size` H, W) or already cut to the rectangles, which are of one size.
-        every: take only every so many columns.
 
     Raises:
         InputError: frames that differ in shape or type, or of another size, type or number of channels.
     """
+    check_alike(left, right)
+    time_dim(left, 3, "left")
+    cut_size = (left_rect.bottom - left_rect.top, left_rect.right - left_rect.left)
+    if left.shape[-3] not in (1, 3) or left.shape[-2:] not in (size, cut_size):
+        raise wrong_size(size, cut_size, left.shape)
+    if left.shape[-2:] == size:
+        left, right = cut(left, left_rect), cut(right, right_rect)
+    pair = torch.stack((left, right), -4)
+    if pair.dtype == torch.uint8:
+        return pair.sum(-3, dtype=torch.float32) * (1 / (255 * pair.shape[-3]))
+    return pair.mean(-3)
+
+
+def check_alike(left: Any, right: Any) -> None:
+    """Raise `InputError` unless these are frames of one shape and type, uint8 or floating point."""
+    if not (isinstance(left, Tensor) and isinstance(right, Tensor)):
+        raise InputError(f"left and right must be tensors, got {type(left).__name__} and {type(right).__name__}")
     if left.shape != right.shape or left.dtype != right.dtype:
         raise InputError(
             f"left and right frames must be alike, got {left.dtype} {tuple(left.shape)} "
             f"and {right.dtype} {tuple(right.shape)}"
         )
-    time_dim(left, 3, "left")
-    channels, given = left.shape[-3], tuple(left.shape[-2:])
-    cut_size = (left_rect.bottom - left_rect.top, left_rect.right - left_rect.left)
-    if channels not in (1, 3) or given not in (size, cut_size):
-        raise InputError(
-            f"expected frames [..., T, C, H, W] with C = 1 or 3 and H, W = {size} or cut to {cut_size}, "
-            f"got {tuple(left.shape)}"
-        )
-    if given == size:
-        left, right = cut(left, left_rect), cut(right, right_rect)
-    if every > 1:
-        left, right = left[..., ::every], right[..., ::every]
-    pair = torch.stack((left, right), -4)
-    if pair.dtype == torch.uint8:
-        return pair.sum(-3, dtype=torch.float32) * (1 / (255 * channels))
-    if not pair.is_floating_point():
-        raise InputError(f"left and right frames must be uint8 or floating point in 0..1, got {pair.dtype}")
-    return pair.mean(-3)
+    if left.dtype != torch.uint8 and not left.is_floating_point():
+        raise InputError(f"left and right frames must be uint8 or floating point in 0..1, got {left.dtype}")
 
 
-def check_unit_range(motion: Tensor, frames: Tensor) -> None:
+def wrong_size(size: tuple[int, int], cut_size: tuple[int, int], shape: Any) -> InputError:
+    return InputError(
+        f"expected frames [..., T, C, H, W] with C = 1 or 3 and H, W = {size} or cut to {cut_size}, got {tuple(shape)}"
+    )
+
+
+def check_peak(peak: Any, frames: Tensor | None = None) -> None:
     """Raise `InputError` where floating point frames held NaN, infinity or numbers far beyond 0..1.
 
-    Looking at the few maxima `motion` of the raw high-passed frames instead of at the pixels costs little:
-    they are NaN or infinite when a pixel is, and at most 1 where all pixels are in 0..1.
+    Looking at the few maxima of the raw high-passed frames instead of at the pixels costs little: they are NaN or
+    infinite when a pixel is, and at most 1 where all pixels are in 0..1.
+
+    Args:
+        peak: the largest change, a number, or maxima; compiled steps return NaN where there was a NaN or infinity.
+        frames: of which maxima are; whole numbers need no look.
     """
-    if frames.is_floating_point() and not bool((motion <= 2.0).all()):
-        raise InputError(
-            f"floating point frames must hold finite numbers in 0..1, got changes of up to {float(motion.max())}"
-        )
-
-
-def check_peak(peak: float) -> None:
-    """`check_unit_range` of a compiled step, which returns the largest change, or NaN where there was one."""
+    if frames is not None:
+        peak = float(peak.max()) if frames.is_floating_point() else 0.0
     if not peak <= 2.0:
         raise InputError(f"floating point frames must hold finite numbers in 0..1, got changes of up to {peak}")
 
@@ -132,60 +124,18 @@ def as_frames(left: Tensor, right: Tensor) -> Frames:
     Raises:
         InputError: frames that are not alike, not on the CPU, with gradients, or of another type or number of colors.
     """
-    try:
-        shape, kind = left.shape, left.dtype
-        alike = shape == right.shape and kind is right.dtype
-    except AttributeError:
-        check_eyes(left, right)
-        raise
-    if not alike:
-        raise InputError(
-            f"left and right frames must be alike, got {kind} {tuple(shape)} and {right.dtype} {tuple(right.shape)}"
-        )
-    if len(shape) != 3 or shape[0] not in (1, 3):
-        raise InputError(f"expected frames [C, H, W] with C = 1 or 3, got {tuple(shape)}")
-    if kind is torch.uint8:
-        scale = UINT8_SCALE
-    elif kind in (torch.float32, torch.float64, torch.float16, torch.bfloat16):
-        scale = 1 / 3
-        if kind.itemsize == 2:
-            left, right = left.float(), right.float()
-    else:
-        raise InputError(f"left and right frames must be uint8 or floating point in 0..1, got {kind}")
-    try:
-        ours, theirs = left.numpy(), right.numpy()
-    except (RuntimeError, TypeError):
-        raise InputError(
-            "compiled steps take frames on the CPU and give no gradients; choose backend='torch' for either"
-        ) from None
-    if left.is_contiguous() and right.is_contiguous():
-        return Frames(ours, theirs, False, scale, (0, 0), (0, 0))
-    ours, theirs = ours.transpose(1, 2, 0), theirs.transpose(1, 2, 0)
-    if ours.flags.c_contiguous and theirs.flags.c_contiguous:
-        return Frames(ours, theirs, True, scale, (0, 0), (0, 0))
-    ours, theirs = (np.ascontiguousarray(eye.transpose(2, 0, 1)) for eye in (ours, theirs))
-    return Frames(ours, theirs, False, scale, (0, 0), (0, 0))
-
-
-UINT8_SCALE = 1 / 765
-"""Of the sum of three bytes."""
-
-
-def array_frames(left: Any, right: Any, size: tuple[int, int]) -> Frames:
-    """`as_frames` of uint8 arrays `[H, W, C]` or `[C, H, W]`.
-
-    Raises:
-        InputError: arrays of another shape or type.
-    """
-    shape = left.shape
-    if len(shape) != 3 or right.shape != shape or not left.dtype == right.dtype == np.uint8:
-        raise InputError(f"left and right must be uint8 frames alike, got {left.dtype} {shape} and {right.shape}")
-    interleaved = shape[:2] == size
-    if (shape[2] if interleaved else shape[0]) not in (1, 3) or (not interleaved and shape[1:] != size):
-        raise InputError(f"frames must be [H, W, C] or [C, H, W] with H, W = {size}, got {shape}")
-    if not (left.flags.c_contiguous and right.flags.c_contiguous):
-        left, right = np.ascontiguousarray(left), np.ascontiguousarray(right)
-    return Frames(left, right, interleaved, UINT8_SCALE, (0, 0), (0, 0))
+    check_alike(left, right)
+    if left.ndim != 3 or left.shape[0] not in (1, 3):
+        raise InputError(f"expected frames [C, H, W] with C = 1 or 3, got {tuple(left.shape)}")
+    if left.requires_grad or left.device.type != "cpu":
+        raise InputError("compiled steps take frames on the CPU and give no gradients; choose backend='torch' for both")
+    if left.dtype in (torch.float16, torch.bfloat16):
+        left, right = left.float(), right.float()
+    scale = 1 / 765 if left.dtype == torch.uint8 else 1 / 3
+    interleaved = not left.is_contiguous() and left.permute(1, 2, 0).is_contiguous()
+    if interleaved:
+        left, right = left.permute(1, 2, 0), right.permute(1, 2, 0)
+    return Frames(left.contiguous().numpy(), right.contiguous().numpy(), interleaved, scale, (0, 0), (0, 0))
 
 
 def at_rects(frames: Frames, rects: tuple[Rect, Rect], size: tuple[int, int]) -> Frames:
@@ -195,14 +145,11 @@ def at_rects(frames: Frames, rects: tuple[Rect, Rect], size: tuple[int, int]) ->
         InputError: frames that are neither of `size` nor of that of the rectangles.
     """
     shape = frames.left.shape[:2] if frames.interleaved else frames.left.shape[1:]
-    (top, bottom, left, end), other = rects
+    one, other = rects
     if shape == size:
-        return Frames(*frames[:4], (top, other.top), (left, other.left))
-    if shape != (bottom - top, end - left):
-        raise InputError(
-            f"expected frames [..., T, C, H, W] with C = 1 or 3 and H, W = {size} or cut to "
-            f"{(bottom - top, end - left)}, got {frames.left.shape}"
-        )
+        return Frames(*frames[:4], (one.top, other.top), (one.left, other.left))
+    if shape != (one.bottom - one.top, one.right - one.left):
+        raise wrong_size(size, (one.bottom - one.top, one.right - one.left), frames.left.shape)
     return frames
 
 
@@ -213,10 +160,6 @@ def checked(low: Any, shape: tuple[int, ...]) -> Any:
         InputError: it is none.
     """
     if not isinstance(low, np.ndarray) or low.shape != shape or low.dtype != np.float32:
-        raise InputError(f"state.low of the filters must be float32 {list(shape)}, got {describe(low)}")
+        kind = getattr(low, "dtype", type(low).__name__)
+        raise InputError(f"state of the filters must be float32 {list(shape)}, got {kind} {np.shape(low)}")
     return low
-
-
-def describe(value: Any) -> str:
-    shape = getattr(value, "shape", None)
-    return type(value).__name__ if shape is None else f"{value.dtype} {list(shape)}"
