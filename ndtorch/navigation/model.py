@@ -24,7 +24,7 @@ from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.proximity import Obstacles, ProximityCheck
 from ndtorch.navigation.state import NavigatorState, all_cars, one_car, pose_in, pose_like, ranges_in
 from ndtorch.navigation.stereo.features import FeatureParams, MatchParams
-from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging, StereoRangingState
+from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
 from ndtorch.navigation.stereo.rig import AngleModel, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
 from ndtorch.navigation.stereo.strips import Strips, as_frames, grey_pair, row_rect, strips

@@ -189,7 +189,8 @@ class ProximityCheck:
             ends = column[group].min() - PAD_PX, column[group].max() + PAD_PX + 1
             shift = np.rint(rig.baseline / rig.camera_height * (behind - horizon(rig)))
             spans = np.stack((behind, shift, np.full_like(shift, ends[0]), np.full_like(shift, ends[1])), 1)
-            kept[group] = correlation(*images, corners(self.rects), spans.astype(int), GROUP_MIN_PIXELS) < UNBROKEN
+            spans = spans[None].astype(int)
+            kept[group] = correlation(*images, corners(self.rects), spans, GROUP_MIN_PIXELS, UNBROKEN) < UNBROKEN
         return Obstacles(obstacles.x[kept], obstacles.y[kept])
 
 
@@ -218,17 +219,14 @@ def floor_correlation(left: Floats, right: Floats, rects: tuple[Rect, Rect], rig
     rows = np.arange(rects[0].top, rects[0].bottom)
     depth = floor_depth(rows, rig)
     rows = rows[(depth >= FLOOR_NEAR_M) & (depth <= FLOOR_FAR_M)][::2]
-    slope, best, ratio = rig.baseline / rig.camera_height * math.cos(rig.pitch), 0.0, rig.focal / 430.0
+    ratio, center, half = rig.focal / 430.0, rig.center[0], FLOOR_HALF_WIDTH_M / rig.baseline
     most, least = round(MAX_TILT_PX * ratio), round(MIN_PIXELS * min(1.0, ratio) ** 2)
-    for tilt in (0, *range(-most, most + 1, 2)):
-        shift = np.rint(slope * (rows - horizon(rig) + tilt))
-        # Columns of the left image straight ahead of the car.
-        half = FLOOR_HALF_WIDTH_M / rig.baseline * shift
-        spans = np.stack((rows, shift, rig.center[0] + shift / 2 - half, rig.center[0] + shift / 2 + half + 1), 1)
-        best = max(best, correlation(left, right, corners(rects), spans.astype(int), least))
-        if best >= MIN_CORRELATION:
-            break
-    return best
+    tilts = np.array((0, *range(-most, most + 1, 2)))[:, None]
+    shift = np.rint(rig.baseline / rig.camera_height * math.cos(rig.pitch) * (rows - horizon(rig) + tilts))
+    # Columns of the left image straight ahead of the car.
+    columns = center + shift / 2 - half * shift, center + shift / 2 + half * shift + 1
+    spans = np.stack((np.broadcast_to(rows, shift.shape), shift, *columns), -1).astype(int)
+    return correlation(left, right, corners(rects), spans, least, MIN_CORRELATION)
 
 
 def corners(rects: tuple[Rect, Rect]) -> tuple[int, int, int, int]:
@@ -237,27 +235,36 @@ def corners(rects: tuple[Rect, Rect]) -> tuple[int, int, int, int]:
 
 
 @jit
-def correlation(left: Array, right: Array, corners: tuple[int, int, int, int], spans: Array, least: int) -> float:
+def correlation(
+    left: Array, right: Array, corners: tuple[int, int, int, int], spans: Array, least: int, enough: float
+) -> float:
     """Correlation of two subfields in rows of floor, less the means of each row; 0 if too little is seen.
 
     Args:
         left, right: `[h, w]`, which begin at `corners`: top and left of the one, of the other.
-        spans: row of the image, disparity, and columns of the left image from and up to, `[n, 4]`.
+        spans: row of the image, disparity, and columns of the left image from and up to, `[tilts, n, 4]`; the largest
+            correlation counts, and no further one is tried once it is `enough`.
         least: pixels that are compared, at least.
     """
     top, begin, other_top, other_begin = corners
-    count, both, square, other = 0, 0.0, 0.0, 0.0
-    for row, shift, start, stop in spans:
-        first, last = max(start, begin, other_begin + shift), min(stop, begin + left.shape[1])
-        last = min(last, other_begin + shift + right.shape[1])
-        if last - first < MIN_COLUMNS:
-            continue
-        a = left[row - top, first - begin : last - begin]
-        b = right[row - other_top, first - shift - other_begin : last - shift - other_begin]
-        # Less the means of the row, since the foot of a wall lies in one row of both images.
-        a, b = a - a.mean(), b - b.mean()
-        count += last - first
-        both, square, other = both + (a * b).sum(), square + (a * a).sum(), other + (b * b).sum()
-    if count < max(1, least) or min(square, other) <= count * MIN_SIGMA**2:
-        return 0.0
-    return float(both / math.sqrt(square * other))
+    best = 0.0
+    for t in range(spans.shape[0]):
+        count, both, square, other = 0, 0.0, 0.0, 0.0
+        for row, shift, start, stop in spans[t]:
+            first, last = max(start, begin, other_begin + shift), min(stop, begin + left.shape[1])
+            last = min(last, other_begin + shift + right.shape[1])
+            if last - first < MIN_COLUMNS:
+                continue
+            a = left[row - top, first - begin : last - begin]
+            b = right[row - other_top, first - shift - other_begin : last - shift - other_begin]
+            # Less the means of the row, since the foot of a wall lies in one row of both images.
+            mean, other_mean = a.mean(), b.mean()
+            count += last - first
+            for x in range(last - first):
+                one, two = a[x] - mean, b[x] - other_mean
+                both, square, other = both + one * two, square + one * one, other + two * two
+        if count >= max(1, least) and min(square, other) > count * MIN_SIGMA**2:
+            best = max(best, both / math.sqrt(square * other))
+        if best >= enough:
+            break
+    return best

@@ -97,7 +97,7 @@ class NavigatorRunner:
             raise InputError(f"the time of the frames must be finite, got {frames.time}")
         if self.new_goal is not None and self.state is not None:
             goal, self.new_goal = self.new_goal, None
-            self.state = self.state._replace(control=self.navigator.controller.on_goal(self.state.control, goal))
+            self.state = self.navigator.on_goal(self.state, goal)
         before, since = self.state, frames.time - self.time
         self.time = frames.time
         lost = anew and before is not None and not self.navigator.controller.can_resume(before.control)

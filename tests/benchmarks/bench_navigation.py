@@ -29,7 +29,7 @@ from ndtorch.navigation import (
 )
 from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
 from ndtorch.navigation.controllers.ranging.control import RangingControl
-from ndtorch.navigation.proximity.check import ProximityCheck
+from ndtorch.navigation.proximity import ProximityCheck
 from ndtorch.navigation.stereo.strips import as_frames
 from tests.benchmarks.timing import Row, reference, table
 

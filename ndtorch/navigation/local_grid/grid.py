@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.local_grid._kernels import POSES, DrivenPath, LocalGrid, cell_index, tags
-from ndtorch.navigation.proximity.stereo_match import ProximityScan
+from ndtorch.navigation.proximity import ProximityScan
 
 Floats = npt.NDArray[Any]
 

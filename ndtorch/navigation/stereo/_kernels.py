@@ -1,4 +1,4 @@
-"""Compiled: pixels of both cameras to grey, the high-pass of ND-min, features of the rows, their partners and ranges."""
+"""Compiled: pixels to grey, the high-pass of ND-min, features of both rows, their partners and ranges."""
 
 from __future__ import annotations
 
@@ -47,29 +47,38 @@ class Frames(NamedTuple):
 
 @jit
 def grey_fields(frames: Frames, every: int, grey: Array) -> bool:
-    """Grey of every so many columns of both rectangles, `[2, h, w]`; returns whether all numbers are finite."""
-    total = np.float32(0)
+    """Grey of every column, or every second, of both rectangles, `[2, h, w]`; returns whether all are finite."""
+    finite, unit = True, np.float32(frames.scale)
     for eye in range(2):
         frame = frames.right if eye else frames.left
         pixels, top, left = frame.reshape(-1), frames.tops[eye], frames.lefts[eye]
         if frames.interleaved:
             _, width, colors = frame.shape
             row, step, plane = width * colors, every * colors, 1
-            start = top * row + left * colors
         else:
             colors, height, width = frame.shape
             row, step, plane = width, every, height * width
-            start = top * row + left
-        middle, last = colors // 2 * plane, (colors - 1) * plane
         for y in range(grey.shape[1]):
-            begin = start + y * row
-            for x in range(grey.shape[2]):
-                k = np.uintp(begin + step * x)
-                value = np.float32(pixels[k]) + np.float32(pixels[k + np.uintp(middle)])
-                value = (value + np.float32(pixels[k + np.uintp(last)])) * np.float32(frames.scale)
-                grey[eye, y, x] = value
-                total += value * np.float32(0)
-    return bool(total == 0)
+            start = (top + y) * row + left * (step // every)
+            red, green = pixels[start:], pixels[start + colors // 2 * plane :]
+            blue, line = pixels[start + (colors - 1) * plane :], grey[eye, y]
+            if step == 1:
+                for x in range(line.shape[0]):
+                    line[x] = (np.float32(red[x]) + np.float32(green[x]) + np.float32(blue[x])) * unit
+            elif step == 2:  # loops of one literal step become vector instructions
+                for x in range(line.shape[0]):
+                    k = 2 * x
+                    line[x] = (np.float32(red[k]) + np.float32(green[k]) + np.float32(blue[k])) * unit
+            elif step == 3:
+                for x in range(line.shape[0]):
+                    k = 3 * x
+                    line[x] = (np.float32(red[k]) + np.float32(green[k]) + np.float32(blue[k])) * unit
+            else:
+                for x in range(line.shape[0]):
+                    k = 6 * x
+                    line[x] = (np.float32(red[k]) + np.float32(green[k]) + np.float32(blue[k])) * unit
+            finite = finite and (frame.itemsize == 1 or math.isfinite(line.sum()))
+    return finite
 
 
 @jit

@@ -269,5 +269,5 @@ class StereoRig:
         if self.floor_from <= near:
             return ""
         view = math.atan((self.height - 1 - self.center[1]) / self.focal) + self.pitch
-        way = f"mount the cameras at most {near * math.tan(view):.2f} m high, or pitch them" if view > 0 else "pitch them"
-        return f"; the nearest floor in view is {self.floor_from:.2f} m ahead: {way} farther down"
+        height = f"mount the cameras at most {near * math.tan(view):.2f} m high, or " if view > 0 else ""
+        return f"; the nearest floor in view is {self.floor_from:.2f} m ahead: {height}pitch them farther down"

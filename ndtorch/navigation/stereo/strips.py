@@ -131,11 +131,13 @@ def as_frames(left: Tensor, right: Tensor) -> Frames:
         raise InputError("compiled steps take frames on the CPU and give no gradients; choose backend='torch' for both")
     if left.dtype in (torch.float16, torch.bfloat16):
         left, right = left.float(), right.float()
-    scale = 1 / 765 if left.dtype == torch.uint8 else 1 / 3
-    interleaved = not left.is_contiguous() and left.permute(1, 2, 0).is_contiguous()
-    if interleaved:
-        left, right = left.permute(1, 2, 0), right.permute(1, 2, 0)
-    return Frames(left.contiguous().numpy(), right.contiguous().numpy(), interleaved, scale, (0, 0), (0, 0))
+    scale, one, other = 1 / 765 if left.dtype == torch.uint8 else 1 / 3, left.numpy(), right.numpy()
+    if not (one.flags.c_contiguous and other.flags.c_contiguous):
+        one, other = one.transpose(1, 2, 0), other.transpose(1, 2, 0)
+        if one.flags.c_contiguous and other.flags.c_contiguous:
+            return Frames(one, other, True, scale, (0, 0), (0, 0))
+        one, other = (np.ascontiguousarray(eye.transpose(2, 0, 1)) for eye in (one, other))
+    return Frames(one, other, False, scale, (0, 0), (0, 0))
 
 
 def at_rects(frames: Frames, rects: tuple[Rect, Rect], size: tuple[int, int]) -> Frames:

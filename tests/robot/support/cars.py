@@ -6,7 +6,7 @@ import torch
 from ndtorch.navigation import Pose, StereoRig
 from ndtorch.navigation.local_grid.grid import mark_stop
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch.navigation.proximity.stereo_match import NOWHERE, Obstacles, ProximityScan
+from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Drive, DriveCommand, Step, StereoFrames, unseal
 from ndtorch_robot.run import make_car

@@ -10,8 +10,7 @@ from torch import Tensor
 
 from ndtorch.navigation import FeatureParams, Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import beam, certainty
-from ndtorch.navigation.stereo.features import Features, find_features
-from ndtorch.navigation.stereo.prediction import PredictedFeatures
+from ndtorch.navigation.stereo.features import Features, PredictedFeatures, find_features
 from ndtorch.vision import NDMin
 from ndtorch_robot.evaluation.plots import draw_cells, draw_plan
 from ndtorch_robot.sim.arenas import load_arena

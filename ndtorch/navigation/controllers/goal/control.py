@@ -33,18 +33,16 @@ from ndtorch.navigation.controllers.goal.tasks import (
     requested_tasks,
     with_pose,
 )
-from ndtorch.navigation.controllers.ranging._kernels import Array, awake, decide, limit, remember
-from ndtorch.navigation.controllers.ranging.control import RangingControl, check_sizes
-from ndtorch.navigation.controllers.ranging.spin import spun, turn_on_spot
-from ndtorch.navigation.controllers.ranging.tables import ranging_tables
+from ndtorch.navigation.controllers.ranging._kernels import Array, decide, limit, remember
+from ndtorch.navigation.controllers.ranging.control import RangingControl, check_sizes, ranging_tables
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.local_grid._kernels import LocalGrid, costs, move_grid
+from ndtorch.navigation.local_grid._kernels import LocalGrid, move_grid
 from ndtorch.navigation.local_grid.grid import cells_at, empty_grid
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.planning.costmap import clearance
 from ndtorch.navigation.planning.path_tracking import pure_pursuit, seen_length, speed_towards
 from ndtorch.navigation.planning.planner import goal_costs, plan
-from ndtorch.navigation.proximity.stereo_match import ProximityScan
+from ndtorch.navigation.proximity import ProximityScan
 from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
@@ -88,7 +86,6 @@ class GoalControl(Controller):
         """As `Controller.params_for`."""
         d = GoalParams()
         slow, unknown = (min(v, task.speed) for v in (d.tight_speed_m_per_s, d.unknown_speed_m_per_s))
-        r = d.reactive.no_faster(task.speed)
         return GoalParams(
             task.goal,
             task.explore,
@@ -96,7 +93,7 @@ class GoalControl(Controller):
             speed_m_per_s=task.speed,
             tight_speed_m_per_s=slow,
             unknown_speed_m_per_s=unknown,
-            reactive=replace(r, speed_m_per_s=min(r.speed_m_per_s, task.speed)),
+            reactive=replace(d.reactive, speed_m_per_s=min(d.reactive.speed_m_per_s, task.speed)),
         )
 
     @property
@@ -151,10 +148,10 @@ class GoalControl(Controller):
     ) -> tuple[Command, GoalState]:
         """Remember what is seen, plan where it is time to, follow the path, and listen to the reactive controller."""
         check_sizes(state.reactive, self.reactive.sizes)
-        before, t = awake(state.reactive, self.tables.floor), self.tables
+        t = self.tables
         here = (pose.x, pose.y, pose.heading)
         moved, noise = tuple(driven), state.reactive.floor.noise
-        lengths, reactive = remember(seen, (ranges.x, ranges.y, ranges.valid), here, moved, before, t)
+        lengths, reactive = remember(seen, (ranges.x, ranges.y, ranges.valid), here, moved, state.reactive, t)
         speed, curvature, reactive = decide(lengths, here, moved, reactive, t)
         visited = self.visit(state.visited, here) if self.explores else state.visited
         state = state._replace(reactive=reactive, visited=visited)
@@ -165,7 +162,7 @@ class GoalControl(Controller):
             state = state._replace(mode=STOPPED)
         command, spin = Command(speed, curvature), self.reactive.spin
         if spin is not None and (learning or state.reactive_steps > 0):
-            command, reactive = spun(command, reactive, pose, spin, t)
+            command, reactive = self.reactive.spun(command, reactive, pose)
         return command, state._replace(reactive=reactive)
 
     def on_near_obstacles(self, state: GoalState, pose: Pose, scan: ProximityScan) -> GoalState:
@@ -281,8 +278,7 @@ class GoalControl(Controller):
         """Turn on the spot towards the path; where there is no room, the reactive controller drives for a second."""
         assert self.reactive.spin is not None
         side = math.remainder(state.turn_to - pose.heading, math.tau)
-        cost = costs(state.reactive.grid, self.tables.grid.blocked)
-        command = turn_on_spot(cost, pose, side, self.reactive.spin, self.tables)
+        command = self.reactive.turn_on_spot(state.reactive, pose, side)
         kept = state.reactive._replace(mode=CRUISE, age=0, has_reversed=0)
         if command is None:
             state = state._replace(turn_to=math.inf, due=0, reactive_steps=round(1 / self.dt))

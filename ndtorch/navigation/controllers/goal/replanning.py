@@ -8,6 +8,7 @@ import numpy as np
 
 from ndtorch.navigation.controllers.goal.params import GoalParams
 from ndtorch.navigation.controllers.goal.tasks import MAX_POINTS, GoalState, task_goal
+from ndtorch.navigation.controllers.ranging.control import BLOCKED
 from ndtorch.navigation.local_grid._kernels import Array
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at
 from ndtorch.navigation.planning._kernels import Floats
@@ -36,7 +37,8 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
         here: x, y, m, and heading, radians.
         every: time steps until the next plan.
     """
-    p, grid, blocked = params, params.reactive.grid, params.reactive.blocked_evidence
+    p, grid, blocked = params, params.reactive.grid, BLOCKED
+
     around = local_map(state.reactive.grid.evidence, here[0], here[1], grid, blocked, -FREE_RATIO * blocked)
     goal = task_goal(state, p)
     clear = clearance(around.blocked if goal is None else with_backs(around, p.planner.hidden_depth_m), around.cell)

@@ -254,9 +254,7 @@ def ranging_tables(
     wide, tight = 1 / p.turn_radius_m, 1 / p.tight_radius_m
     arcs = [(0.0, 1), (wide, 1), (tight, 1), (-wide, 1), (-tight, 1), (-tight, -1), (0.0, -1), (tight, -1)]
     longest = math.floor(min(1.6, g.reach - 0.5) / g.cell_m) * g.cell_m
-    primitives = motion_primitives(
-        arcs, p.body, p.safety_margin_m, longest, g.cell_m, CRUISE_SPEED * p.body.reaction_s
-    )
+    primitives = motion_primitives(arcs, p.body, p.safety_margin_m, longest, g.cell_m, CRUISE_SPEED * p.body.reaction_s)
     along, across = np.linspace(-0.4, 0.4, 6) * p.body.length_m, np.linspace(-0.4, 0.4, 5) * p.body.width_m
     x, y = np.meshgrid(along, across, indexing="ij")
     grid = GridNumbers(

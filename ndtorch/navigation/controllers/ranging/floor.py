@@ -1,9 +1,9 @@
-"""Cells of floor: where they lie, their image speed, whether both cameras see one floor there, and which look like it."""
+"""Cells of floor: where they lie, their image speed, whether both cameras see one floor, and which look like it."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -215,7 +215,7 @@ def match_cells(grey: Array, firsts: tuple[int, int], shift: Array, wide: int, c
             own, other, away = grey[eye, y], grey[1 - eye, y], -shift[y] if eye else shift[y]
             for k in range(blocks):
                 x = firsts[eye] + wide * k
-                if 0 <= x + away and x + away + n < width:
+                if x + away >= 0 and x + away + n < width:
                     block = blocks - 1 - k if eye else k
                     add_changes(own[x : x + wide], other[x + away : x + away + wide], sums[eye, band, block])
                     rows[eye, band, block] += 1
