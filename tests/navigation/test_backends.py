@@ -54,9 +54,8 @@ def steady(module: StereoRanging, left: Tensor, right: Tensor) -> list[Tensor]:
     [
         (FeatureParams(), MatchParams(10, 100)),
         (FeatureParams(7, edge_reach_px=4, shared=True), MatchParams(10, 100)),
-        (FeatureParams(40, spacing_px=5, edge_reach_px=2), MatchParams(0, 300, one_to_one=False, max_error=0.01)),
+        (FeatureParams(20, spacing_px=5, edge_reach_px=2), MatchParams(0, 300, one_to_one=False, max_error=0.01)),
         (FeatureParams(1), MatchParams(0, 300)),
-        (FeatureParams(7, edge_reach_px=4, shared=True, ahead_count=3), MatchParams(10, 100)),
         (FeatureParams(follow_reach_px=3), MatchParams(10, 100)),
     ],
 )
@@ -144,10 +143,8 @@ def test_pixels_that_are_no_numbers_in_0_1_are_refused(controller: str, worth: f
 def test_a_backend_is_chosen_or_refused() -> None:
     for name in ("ranging", "goal"):
         assert Navigator(RIG, DT, controller=name).backend == "numba"
-        with pytest.raises(InputError, match=f"the {name} controller has no backend 'torch', only 'numba'"):
+        with pytest.raises(InputError, match=f"the {name} controller has the backend numba"):
             Navigator(RIG, DT, controller=name, backend="torch")
-    with pytest.raises(InputError, match="backend must be 'auto', 'numba' or 'torch', got 'gpu'"):
-        Navigator(RIG, DT, backend="gpu")
     control = Navigator(RIG, DT, controller="published", backend="torch").controller
     assert Navigator(RIG, DT, controller=control).backend == "torch"
     with pytest.raises(InputError, match="has the backend 'torch', got backend='numba'"):

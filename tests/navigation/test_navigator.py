@@ -12,17 +12,15 @@ from ndtorch.navigation import (
     FeatureParams,
     Grid,
     GridMap,
-    Localiser,
     Navigator,
     ObservationList,
-    Pose,
     StereoRanging,
     StereoRig,
     Strips,
     cut_strips,
 )
 from ndtorch.navigation.controllers.published import SubfieldMotion
-from ndtorch.navigation.proximity.stereo_match import NOWHERE, ProximityScan
+from ndtorch.navigation.proximity import NOWHERE, ProximityScan
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from tests.compilers import compiles
 
@@ -164,21 +162,11 @@ def test_filters_that_begin_anew_see_no_motion_in_their_first_frame(controller):
     assert anew.pose == usual.pose
 
 
-def test_a_controller_that_plans_in_what_it_saw_long_ago_counts_by_what_is_seen_of_slip() -> None:
-    rig, here = StereoRig(), Pose(9.0, 9.0, 0.0)
-    localiser = Localiser(rig, DT)
-    located = localiser.start(np.array((1.0, 2.0, 0.5)))
-    for name, expected in (("goal", Pose(1.0, 2.0, 0.5)), ("ranging", here)):
-        navigator = Navigator(rig, DT, controller=name, localiser=localiser)
-        assert navigator.control_pose(here, located) == expected
-        assert navigator.control_pose(here, None) == here
-
-
 def test_a_car_that_begins_stands_until_it_has_checked_what_is_near(monkeypatch):
     frame = torch.zeros(1, 3, RIG.height, RIG.width, dtype=torch.uint8)
     navigator = Navigator(RIG, DT, controller="ranging")
     checked, nothing = [], ProximityScan(NOWHERE, True, NOWHERE, NOWHERE)
-    monkeypatch.setattr(navigator.near, "check", lambda *given: checked.append(given) or nothing)
+    monkeypatch.setattr(navigator, "near", lambda *given: checked.append(given) or nothing)
     step = navigator.controller.step
     monkeypatch.setattr(navigator.controller, "step", lambda *given: (Command(0.3, 0.0), step(*given)[1]))
     command, complete = navigator.command_first(frame, frame)

@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.autograd import gradcheck
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import Ranges, StereoRanging, StereoRig
 from ndtorch.navigation.mapping.certainty import beam, beam_table, certainty, sample_certainty
-from ndtorch.navigation.stereo.correspondence import Matches
+from ndtorch.navigation.stereo.features import Matches
 from ndtorch.navigation.stereo.ranging import triangulate
 from ndtorch.navigation.stereo.search import SearchParams, search_rows
 
@@ -117,13 +116,6 @@ def test_gradients():
     assert gradcheck(weights, (ranges.left_angle.clone().requires_grad_(),))
 
 
-@pytest.mark.parametrize("name", ["farthest", "spacing", "sigmas"])
-@pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan])
-def test_a_table_of_beams_needs_positive_finite_numbers(name, value):
-    with pytest.raises(InputError, match="positive"):
-        beam_table(StereoRig(), **{"farthest": 2.2, "spacing": 0.01, "sigmas": 3.0, name: value})
-
-
 RIG = StereoRig()
 
 
@@ -200,21 +192,3 @@ def test_lone_matches_among_others_are_not_believed():
 
 
 # Every kind is compiled, for seconds; frames of cameras are of whole numbers.
-@pytest.mark.parametrize(
-    "kind", [torch.uint8, *(pytest.param(kind, marks=pytest.mark.long) for kind in (torch.float32, torch.float64))]
-)
-def test_kernels_and_torch_find_the_same(kind):
-    rows = torch.stack([texture(seed=seed) for seed in (1, 2, 3)])
-    frames = (torch.stack((rows[:, :640], rows[:, 70:710] * 1.02)) * 250).round()
-    frames = frames.to(kind) if kind == torch.uint8 else frames.to(kind) / 255
-    module = StereoRanging(RIG, 1 / 30, search=SearchParams(ahead_count=4))
-    left, right = frames[0][None, None], frames[1][None, None]
-    wanted, state = module(left, right)
-    with torch.inference_mode():
-        found, also = module(left, right)
-    assert bool(wanted.valid.any())
-    assert (wanted.valid == found.valid).double().mean() > 0.9
-    alike = wanted.valid & found.valid & ((wanted.left_angle - found.left_angle).abs() < 1e-5)
-    assert alike.sum() >= 0.9 * wanted.valid.sum()
-    torch.testing.assert_close(found.left_range[alike], wanted.left_range[alike], rtol=1e-4, atol=0)
-    torch.testing.assert_close(also.rows.low, state.rows.low, rtol=0, atol=1e-6)

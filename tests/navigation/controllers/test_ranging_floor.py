@@ -7,12 +7,15 @@ import pytest
 import torch
 
 from ndtorch.navigation import CRUISE, REVERSE, TURN, Command, Pose, RangingParams, Rect, StereoRig
-from ndtorch.navigation.controllers.ranging._kernels_floor import FloorState, floor_step, illumination_gain
 from ndtorch.navigation.controllers.ranging.control import RangingControl
-from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
-from ndtorch.navigation.controllers.ranging.tables import floor_numbers, grid_numbers
-from ndtorch.navigation.local_grid._kernels import add_ranges, bound, costs
-from ndtorch.navigation.local_grid.grid import cells_at, empty_grid
+from ndtorch.navigation.controllers.ranging.floor import (
+    FloorState,
+    floor_step,
+    floor_tables,
+    floor_view,
+    illumination_gain,
+)
+from ndtorch.navigation.controllers.ranging.params import FloorParams
 from ndtorch.navigation.odometry import arc
 from ndtorch.navigation.stereo.strips import as_frames
 from ndtorch.vision.nondirectional import NDMin
@@ -23,7 +26,7 @@ DT = 1 / 30
 RIG = StereoRig(forward=0.15)
 PARAMS = FloorParams()
 VIEW = floor_view(RIG, PARAMS)
-NUMBERS = floor_numbers(RIG, RangingParams(), VIEW, DT)
+TABLES = floor_tables(RIG, PARAMS, 0.5, VIEW, DT)
 BANDS, BLOCKS = PARAMS.bands, PARAMS.blocks
 LEVEL = 0.18
 
@@ -37,15 +40,16 @@ class Seen(NamedTuple):
 
 def outputs(speed=0.5, curvature=0.0, level=LEVEL):
     """What floor gives in every cell, by the formula: image speed in pixels a step, then saturation."""
-    down = 430 * 0.2 / VIEW.depth.numpy() ** 2 * speed * DT
+    down = 430 * 0.2 / VIEW.depth**2 * speed * DT
     flow = np.hypot(down, 430 * speed * curvature * DT)
     return np.tile((level * (1 - np.exp(-flow / 1.2)))[:, None], (2, 1, BLOCKS)).astype(np.float32)
 
 
 def step(cells, state, speed=0.5, curvature=0.0):
     """What is seen in cells `[2, BANDS, BLOCKS]`, or with what both cameras see `[4, BANDS, BLOCKS]`."""
-    marks = np.empty((2, BANDS, BLOCKS), np.float32)
-    after = floor_step(np.asarray(cells, np.float32), (speed, curvature), state, NUMBERS, marks)
+    marks, cells = np.empty((2, BANDS, BLOCKS), np.float32), np.asarray(cells, np.float32)
+    cells = cells if len(cells) == 4 else np.concatenate((cells, np.full_like(cells, -1)))
+    after = floor_step(cells, (speed, curvature), state, TABLES, marks)
     assert set(np.unique(marks)) <= {-0.5, 0.0, 1.0}
     return Seen(marks < 0, marks > 0), after
 
@@ -55,7 +59,6 @@ def learned(level=LEVEL, noise=0.0):
 
 
 def test_the_cells_lie_where_their_pixels_see_the_floor():
-    assert VIEW.cells == (Rect(302, 372, 80, 400), Rect(302, 372, 240, 560))
     assert VIEW.rects == (Rect(302, 372, 80, 640), Rect(302, 372, 0, 560))
     # The middle of the nearest band is row 369, 129.5 pixels below the middle of the image: 86 / 129.5 m.
     assert float(VIEW.depth[0]) == pytest.approx(86 / 129.5, rel=1e-6)
@@ -63,7 +66,7 @@ def test_the_cells_lie_where_their_pixels_see_the_floor():
     # The outermost block of the left image is centered at column 99.5, 220 pixels to the left of the middle.
     assert float(VIEW.x[0, 0, 0]) == pytest.approx(0.15 + 86 / 129.5, rel=1e-6)
     assert float(VIEW.y[0, 0, 0]) == pytest.approx(0.15 + 86 / 129.5 * 220 / 430, rel=1e-5)
-    torch.testing.assert_close(VIEW.y[1], -VIEW.y[0])
+    assert np.array_equal(VIEW.y[1], -VIEW.y[0])
     # Both subfields see the floor ahead of the car.
     assert float(VIEW.y[0].min()) < -0.03
 
@@ -78,7 +81,7 @@ def test_motion_of_the_cells_against_its_definition():
     cells = np.stack(cells)
     assert cells.shape == (3, 4, BANDS, BLOCKS)
     assert (cells[0, :2] == 0).all()
-    for image, rect, k in ((left, VIEW.cells[0], 0), (right, VIEW.cells[1], 1)):
+    for image, rect, k in ((left, Rect(302, 372, 80, 400), 0), (right, Rect(302, 372, 240, 560), 1)):
         motion, _ = NDMin(0.005, DT)(image.mean(-3, keepdim=True))
         for band, block in ((0, 0), (3, 5), (13, 7)):
             column = rect.left + 40 * block if k == 0 else rect.right - 40 * (block + 1)
@@ -133,7 +136,7 @@ def test_learns_its_floor_at_the_start(level):
     assert (seen.free == 1).all()
 
 
-DEPTH = VIEW.depth.numpy()
+DEPTH = VIEW.depth
 
 
 def both_eyes(frames):
@@ -201,23 +204,17 @@ def test_what_stands_and_moves_like_floor_ends_it():
     assert match_step(motion, both)[0].ends.sum() == 0
 
 
-SMALL_RIG, FRAME = StereoRig(forward=0.15), 1 / 30
-CONTROL = RangingControl(SMALL_RIG, FRAME)
-
-
-def cells():
-    """Grey images of 14 bands by 8 blocks, a texture."""
-    return (0.3 + 0.4 * np.random.default_rng(0).random(CONTROL.shape)).astype(np.float32)
+CONTROL = RangingControl(RIG, DT)
 
 
 @pytest.mark.parametrize("gain", [0.83, 0.97, 1.1, 1.9])
 def test_the_gain_is_what_all_cells_share(gain):
-    before = cells()
+    before = (0.3 + 0.4 * np.random.default_rng(0).random(VIEW.shape[1])).astype(np.float32)
     now = before * np.float32(gain)
-    assert illumination_gain(now, before, CONTROL.numbers) == pytest.approx(gain, rel=1e-5)
+    assert illumination_gain(now, before, BANDS, BLOCKS) == pytest.approx(gain, rel=1e-5)
     # What fills less than half of the cells does not matter.
     now[0, :, :120] = 0.9
-    assert illumination_gain(now, before, CONTROL.numbers) == pytest.approx(gain, rel=1e-5)
+    assert illumination_gain(now, before, BANDS, BLOCKS) == pytest.approx(gain, rel=1e-5)
 
 
 def test_a_standing_car_sees_no_motion_where_the_light_flickers():
@@ -233,40 +230,10 @@ def test_a_standing_car_sees_no_motion_where_the_light_flickers():
 
 
 HERE = Pose(0.0, 0.0, 0.0)
-OVERHANG = RangingParams(overhangs=True)
 
 
 def ranged(*places):
     return ranges_of(np.array(places).T)
-
-
-def cell(x, y):
-    return cells_at(tuple(HERE), [x], [y], OVERHANG.grid)[0]
-
-
-def worth(grid, x, y):
-    return float(grid.raised.reshape(-1)[cell(x, y)])
-
-
-def with_ranges(grid, *places):
-    numbers, raised = grid_numbers(RIG, OVERHANG, DT, 0.0), grid.raised.copy()
-    there = ranged(*places)
-    add_ranges(raised, (there.x, there.y, there.valid), tuple(HERE), numbers, numbers.range_weight, numbers.miss)
-    bound(raised, -numbers.least, numbers.most)
-    return grid._replace(raised=raised)
-
-
-def test_a_range_counts_and_one_behind_it_takes_it_away():
-    grid, here = empty_grid(0.0, 0.0, OVERHANG.grid, raised=True), cell(1.2, 0.15)
-    for _ in range(3):
-        grid = with_ranges(grid, (1.2, 0.15))
-    assert worth(grid, 1.2, 0.15) == pytest.approx(3.0)
-    assert worth(grid, 0.7, 0.15) < 0
-    assert costs(grid, 1.9).reshape(-1)[here] == pytest.approx(1.9)
-    for _ in range(10):
-        grid = with_ranges(grid, (2.0, 0.15))
-    assert worth(grid, 1.2, 0.15) < 1.9
-    assert costs(grid, 1.9).reshape(-1)[here] == 0.0
 
 
 def driven(overhangs, frames=150):
