@@ -94,7 +94,7 @@ def test_speed_is_what_stops_in_the_length_in_which_the_usual_body_does() -> Non
 
 def test_a_differential_drive_turns_on_the_spot_where_others_back() -> None:
     """A wall ahead, floor all around: the car that knows its floor backs, and the one that can turns."""
-    pose, wall = Pose(0.0, 0.0, 0.0), np.linspace(-0.8, 0.8, 40, dtype=np.float32)
+    pose, wall = Pose(0.03, 0.03, 0.0), np.linspace(-0.8, 0.8, 40, dtype=np.float32)
     speeds = []
     for radius in (0.45, 0.0):
         control = RangingControl(RIG, 1 / 30, RangingParams(body=Body(min_turn_radius_m=radius)))

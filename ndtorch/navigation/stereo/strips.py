@@ -113,7 +113,7 @@ def check_peak(peak: Any, frames: Tensor | None = None) -> None:
         frames: of which maxima are; whole numbers need no look.
     """
     if frames is not None:
-        peak = float(peak.max()) if frames.is_floating_point() else 0.0
+        peak = float(peak.detach().max()) if frames.is_floating_point() else 0.0
     if not peak <= 2.0:
         raise InputError(f"floating point frames must hold finite numbers in 0..1, got changes of up to {peak}")
 

@@ -23,6 +23,7 @@ from ndtorch.navigation.controllers.goal.tasks import (
     next_task,
     task_goal,
 )
+from ndtorch.navigation.controllers.ranging.control import BLOCKED
 from ndtorch.navigation.local_grid._kernels import LocalGrid
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid
 from ndtorch.navigation.odometry import arc
@@ -197,7 +198,7 @@ def known(evidence: float, params: GoalParams = REPLAN) -> GoalState:
     """All that is around the car was seen so far, in shares of what counts as blocked."""
     state = GoalControl(RIG, DT, params).start(floor(), place(*ORIGIN))
     grid = state.reactive.grid
-    grid = grid._replace(evidence=np.full_like(grid.evidence, evidence * params.reactive.blocked_evidence))
+    grid = grid._replace(evidence=np.full_like(grid.evidence, evidence * BLOCKED))
     return state._replace(reactive=state.reactive._replace(grid=grid))
 
 
