@@ -279,8 +279,8 @@ class Navigator(nn.Module):
         assert self.localiser is not None
         rows = None
         if self.localiser.due(located):
-            eyes = (row if row.ndim == 4 else row.unsqueeze(0) for row in (left, right))
-            rows = grey_pair(*eyes, self.row, self.row, self.size).squeeze(-2)[0]
+            one, other = (row if row.ndim == 4 else row.unsqueeze(0) for row in (left, right))
+            rows = grey_pair(one, other, self.row, self.row, self.size).squeeze(-2)[0]
         return self.localiser(rows, pose, located)
 
     def fill_map(self, state: NavigatorState) -> NavigatorState:

@@ -147,7 +147,7 @@ class ProximityCheck:
         """
         size, p = (self.rig.height, self.rig.width), self.params
         images = grey_pair(fields[0][None], fields[1][None], *self.rects, size)[0].float().numpy()
-        floor_seen = floor_correlation(*images, self.rects, self.rig) >= MIN_CORRELATION
+        floor_seen = floor_correlation(images[0], images[1], self.rects, self.rig) >= MIN_CORRELATION
         obstacles, mismatches = self.on_floor(self.obstacles(rows), images), NOWHERE
         near = (ranges.x - self.rig.forward < p.max_depth_m) & (np.abs(ranges.y) <= p.half_width_m)
         if floor_seen and near.sum() == 1 and not len(obstacles.x):

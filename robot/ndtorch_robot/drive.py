@@ -15,9 +15,9 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import STOPPED, Grid
-from ndtorch.navigation.body import match_params
 from ndtorch.navigation.controllers import Trace
 from ndtorch.navigation.options import place_of
+from ndtorch.navigation.stereo.features import MatchParams
 from ndtorch_robot.camera_monitor import CameraLimits, CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
@@ -163,7 +163,7 @@ def summarise(
     plan, poses, hits = simulation.plan, record.array("pose"), simulation.collisions
     score, errors, passed = MapScore(), {}, 0.0
     if len(poses):
-        window = match_params(config.rig, config.body)
+        window = MatchParams.for_body(config.rig, config.body)
         score = score_map(cells, plan.grid(), plan, simulation.world.profiles, poses[::5], config.rig, window)
         passed = coverage(simulation.spawn_points.free, poses[:, :2])
         for name in ("believed", "located"):

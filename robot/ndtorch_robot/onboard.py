@@ -12,7 +12,6 @@ import numpy as np
 
 from ndtorch.navigation.controllers.published import SaccadeController
 from ndtorch.navigation.mapping.certainty import BEYOND_SIGHT, REACH, beam_table
-from ndtorch.navigation.stereo._kernels_features import FeatureNumbers, RowGeometry
 from ndtorch.navigation.stereo.ranging import StereoRanging
 from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.vision.nondirectional import SPEED_SCALE
@@ -37,8 +36,7 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
     True
     """
     control, ranging = SaccadeController(rig, dt), StereoRanging(rig, dt)
-    saccade, row = control.numbers, FeatureNumbers(*ranging.numbers.item())
-    geometry = RowGeometry(*ranging.geometry.item())
+    saccade, steps, row = control.params, control.steps, ranging.numbers[0]
     left, right = control.fields
     table = beam_table(rig, FARTHEST, cell / 2)
     # The places are a grid of those along and those across the beams, listed row by row: the first row ends where the
@@ -56,32 +54,32 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
         "PATCH_TOP": left.top,
         "LEFT_PATCH_LEFT": left.left,
         "RIGHT_PATCH_LEFT": right.left,
-        "FEATURES": row.features,
-        "SPACING": row.spacing,
-        "TURN_STEPS": int(saccade.turn_steps),
-        "WATCHING_STEPS": int(saccade.watching),
-        "START_AGE_STEPS": int(control.numbers.age),
-        "EXACT_ANGLES": int(geometry.exact),
+        "FEATURES": ranging.features.count,
+        "SPACING": ranging.features.spacing_px,
+        "TURN_STEPS": int(steps.turn),
+        "WATCHING_STEPS": int(steps.watching),
+        "START_AGE_STEPS": int(steps.age),
+        "EXACT_ANGLES": int(row["exact"]),
     }
     real: dict[str, float] = {
         "TIME_STEP": dt,
-        "HIGH_PASS_SHARE": control.a,
+        "HIGH_PASS_SHARE": float(row["a"]),
         "SPEED_SCALE": SPEED_SCALE,
-        "SMOOTHING_SHARE": saccade.smoothing,
+        "SMOOTHING_SHARE": steps.share,
         "TURN_THRESHOLD": saccade.turn_threshold,
         "HIGH_THRESHOLD": saccade.high_threshold,
         "LOW_THRESHOLD": saccade.low_threshold,
-        "NORMAL_CURVATURE": saccade.normal,
-        "TIGHT_CURVATURE": saccade.tight,
-        "CRUISE_SPEED": saccade.speed,
-        "MIN_MOTION": row.min_motion,
-        "MIN_DIFFERENCE": row.min_difference,
-        "MIN_DISPARITY": row.min_disparity,
-        "MAX_DISPARITY": row.max_disparity,
-        "AXIS_COLUMN": geometry.axis,
-        "ANGLE_FACTOR": geometry.factor,
-        "BASELINE": geometry.baseline,
-        "CAMERA_FORWARD": geometry.forward,
+        "NORMAL_CURVATURE": 1 / saccade.turn_radius_m,
+        "TIGHT_CURVATURE": 1 / saccade.tight_radius_m,
+        "CRUISE_SPEED": saccade.speed_m_per_s,
+        "MIN_MOTION": ranging.features.min_motion,
+        "MIN_DIFFERENCE": ranging.features.min_difference,
+        "MIN_DISPARITY": ranging.matching.min_disparity_px,
+        "MAX_DISPARITY": ranging.matching.max_disparity_px,
+        "AXIS_COLUMN": float(row["axis"]),
+        "ANGLE_FACTOR": float(row["factor"]),
+        "BASELINE": rig.baseline,
+        "CAMERA_FORWARD": rig.forward,
         "BEAM_REACH": REACH,
         "FARTHEST_CROSSING": BEYOND_SIGHT,
         "MAP_CELL": cell,

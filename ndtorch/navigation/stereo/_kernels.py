@@ -23,7 +23,8 @@ KINDS = {bool: np.bool_, int: np.int64, float: np.float64}
 def packed(*params: Any, **more: float) -> Array:
     """The numbers of dataclasses, and others by name, as an array `[1]` of records, which kernels take at once."""
     declared = [(p, field) for p in params for field in dataclasses.fields(p) if type(field.default) in KINDS]
-    numbers = {field.name: type(field.default)(getattr(p, field.name)) for p, field in declared} | more
+    kinds: Any = {field.name: type(field.default) for _, field in declared}
+    numbers = {field.name: kinds[field.name](getattr(p, field.name)) for p, field in declared} | more
     record = np.dtype([(name, KINDS[type(value)]) for name, value in numbers.items()], align=True)
     return np.array([tuple(numbers.values())], record)
 
@@ -182,7 +183,7 @@ def edge_place(row: Array, column: int, reach: int) -> float:
         weight = max((row[at + 1] - row[at]) * sign, np.float32(0))
         total, moment = total + weight, moment + weight * np.float32(at - edge)
     place = edge + 0.5 + (moment / total if total > 0 else 0.0)
-    return min(max(place, 1.0), width - 2.0)
+    return float(min(max(place, 1.0), width - 2.0))
 
 
 @jit(exact=True)

@@ -203,4 +203,5 @@ class StereoRanging(nn.Module):
             before = low if state is None else checked(state.rows, low.shape)
             peak = feature_ranges(rows, state is None, before, low, self.numbers, out, valid)
         check_peak(peak)
-        return Ranges(*out, valid), StereoRangingState(low, None)
+        distance, one, other, x, y = out
+        return Ranges(distance, one, other, x, y, valid), StereoRangingState(low, None)

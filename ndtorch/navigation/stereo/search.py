@@ -151,7 +151,7 @@ def find_places(pair: Array, numbers: Array, out: Array) -> None:
         if abs(back[c] - best[c]) > 1 or agreeing < p.agreement_ratio * (2 * half + 1):
             unlike[c] = 0
     for n in range(out.shape[1]):
-        c = unlike.argmax()
+        c = int(unlike.argmax())
         out[:, n] = 0
         if unlike[c] > 0:
             # Between its neighbours the smallest of three lies where a parabola through them does.
@@ -254,4 +254,4 @@ def least_of(bits: Array) -> int:
     least = NEVER_BITS
     for k in range(bits.shape[0]):
         least = min(least, bits[k])
-    return least
+    return int(least)

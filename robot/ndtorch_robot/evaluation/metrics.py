@@ -10,7 +10,7 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.navigation import Grid, StereoRig
-from ndtorch.navigation.stereo.correspondence import MatchParams
+from ndtorch.navigation.stereo.features import MatchParams
 from ndtorch_robot.sim.plan import Floats, Plan, Ring, away
 from ndtorch_robot.sim.textures import ALONG
 

@@ -33,10 +33,10 @@ from ndtorch.navigation.controllers.goal.tasks import (
     requested_tasks,
     with_pose,
 )
-from ndtorch.navigation.controllers.ranging._kernels import Array, decide, limit, remember
+from ndtorch.navigation.controllers.ranging._kernels import decide, limit, remember
 from ndtorch.navigation.controllers.ranging.control import RangingControl, check_sizes, ranging_tables
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.local_grid._kernels import LocalGrid, move_grid
+from ndtorch.navigation.local_grid._kernels import Array, LocalGrid, move_grid
 from ndtorch.navigation.local_grid.grid import cells_at, empty_grid
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.planning.costmap import clearance

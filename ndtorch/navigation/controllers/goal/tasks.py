@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 from ndtorch.navigation.controllers.goal.params import GoalParams
-from ndtorch.navigation.controllers.ranging._kernels import Array, RangingState
-from ndtorch.navigation.local_grid._kernels import LocalGrid
+from ndtorch.navigation.controllers.ranging._kernels import RangingState
+from ndtorch.navigation.local_grid._kernels import Array, LocalGrid
 from ndtorch.navigation.odometry import Pose
 
 GOAL, EXPLORE, HOME, DONE = 0, 1, 2, 3

@@ -239,7 +239,9 @@ class RangingControl(Controller):
     def warm_up(self) -> None:
         """Search results go into the grid by a function of their own."""
         none, pose = np.zeros(1, np.float32), Pose(0.0, 0.0, 0.0)
-        self.on_extra_ranges(self.start(None, pose), pose, Ranges(*[none] * 5, none > 0), Obstacles(none, none))
+        self.on_extra_ranges(
+            self.start(None, pose), pose, Ranges(none, none, none, none, none, none > 0), Obstacles(none, none)
+        )
 
 
 def ranging_tables(
