@@ -37,10 +37,7 @@ VERSION = "3"
 HEADER, END, STEP = "ndtorch", "ndtorch end", "/ndtorch/step"
 """Names of the metadata records at both ends of a recording, and topic of what replay needs beside the images."""
 
-TYPES = (
-    *("std_msgs/msg/String", "sensor_msgs/msg/Image", "sensor_msgs/msg/LaserScan"),
-    *("nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistStamped"),
-)
+TYPES = ("std_msgs/msg/String", "sensor_msgs/msg/Image", "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry")
 
 FLUSH_S = 0.5
 """Duration of a chunk, which is written and forced onto the disk at its end: a cut file loses no more."""
@@ -194,7 +191,6 @@ class Recorder(Closing):
         if ranges is not None and pose is not None:
             messages |= {"/scan": ros.laser_scan(ranges, step.time)}
             messages |= {"/odom": ros.odometry(pose, step.driven, step.time)}
-        messages["/cmd_vel"] = ros.twist_stamped(step.sent, step.time)
         messages[STEP] = ros.new("std_msgs/msg/String", json.dumps(values, default=str))
         when = max(0, round(step.time * 1e9))
         for topic, message in messages.items():

@@ -101,11 +101,6 @@ def twist(command: DriveCommand) -> Any:
     return new("geometry_msgs/msg/Twist", vector(command.speed), vector(z=command.speed * command.curvature))
 
 
-def twist_stamped(command: DriveCommand, time: float) -> Any:
-    """`geometry_msgs/TwistStamped`."""
-    return new("geometry_msgs/msg/TwistStamped", header(time, BASE), twist(command))
-
-
 def laser_scan(ranges: Ranges, time: float) -> Any:
     """`sensor_msgs/LaserScan` of places `[n]` about the middle of the body: the nearest one in each degree.
 

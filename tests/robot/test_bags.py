@@ -132,13 +132,12 @@ def test_the_navigator_of_a_bag_has_the_body_of_its_robot(tmp_path):
     """Body, cameras and options are the file's unless the command has others; calibration and rate are the bag's."""
     file, bag = tmp_path / "my.toml", write_bag(tmp_path / "bag", None, count=3)
     file.write_text(ROBOT)
-    for name, height, more in (("ranging", 0.1, []), ("published", 0.12, ["--controller", "published"])):
+    for name, more in (("ranging", []), ("published", ["--controller", "published"])):
         out = tmp_path / f"{name}.mcap"
-        more = [*more, "--camera-height", str(height)] if more else more
         assert main(["import", str(bag), "--robot", str(file), "--out", str(out), *more]) == 0
         runner = make_runner(open_recording(out).configuration)
         assert (runner.body, runner.options.controller) == (Body(0.25, 0.18, 0.2), name)
-        assert (runner.rig.camera_height, runner.rig.forward) == (height, 0.07)
+        assert (runner.rig.camera_height, runner.rig.forward) == (0.1, 0.07)
         assert math.degrees(runner.rig.pitch) == pytest.approx(2.0)
         assert (runner.rig.focal, runner.rig.baseline) == (pytest.approx(107.0), pytest.approx(0.12))
 

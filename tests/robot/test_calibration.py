@@ -104,7 +104,7 @@ def test_cameras_of_a_configuration_are_rectified(tmp_path):
     path = tmp_path / "pair.yaml"
     write_calibration(*measured(), path)
     folder = folder_of(tmp_path / "film", 1, 640, 480)
-    settings = CameraSettings(left=str(folder), right=str(folder), pace="read", calibration=path)
+    settings = CameraSettings(left=str(folder), right=str(folder), max_age_ms=5000, calibration=path)
     cameras, rig = open_cameras(settings, RIG)
     with cameras:
         frames = cameras.read()

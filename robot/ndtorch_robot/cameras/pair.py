@@ -19,7 +19,6 @@ from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.stereo.calibration_files import load_calibration
 from ndtorch_robot.calibration import Rectifier
 from ndtorch_robot.cameras.source import CameraSettings, Capture, Image, Opener, Source, find_source, open_capture
-from ndtorch_robot.cameras.sources.v4l2 import usb_place
 from ndtorch_robot.ports import Closing, StereoFrames
 
 SIDES = ("left", "right")
@@ -211,8 +210,7 @@ class StereoCameras(Closing):
         unread: number of pairs that a newer one replaced before anybody asked.
 
     Raises:
-        InputError: a source that cannot be opened or gives no frames or ones of another size, or two folders of
-            different length.
+        InputError: a source that cannot be opened or gives no frames or ones of another size.
     """
 
     def __init__(
@@ -226,20 +224,10 @@ class StereoCameras(Closing):
         self.pairing = Pairing(settings.tolerance_ms / 1e3)
         self.pair: Pair | None = None
         self.unread, self.begun, live = 0, False, any(source.live for source in self.sources)
-        self.played: list[Capture] = []
         self.readers: list[CameraReader] = []
         try:
-            if settings.pace == "read" and not live:
-                captures = self.played = [opener(source, settings) for source in self.sources]
-            else:
-                for side, source in enumerate(self.sources):
-                    self.readers.append(CameraReader(source, settings, opener, partial(self.add, side)))
-                captures = [reader.capture for reader in self.readers if reader.capture is not None]
-            counts = [round(capture.get(cv2.CAP_PROP_FRAME_COUNT)) for capture in captures]
-            # What a video says of its length is not always true.
-            if all(source.kind == "folder" for source in self.sources) and counts[0] != counts[1]:
-                names = f"{counts[0]} in {settings.left} and {counts[1]} in {settings.right}"
-                raise InputError(f"left and right folder must hold as many images, got {names}")
+            for side, source in enumerate(self.sources):
+                self.readers.append(CameraReader(source, settings, opener, partial(self.add, side)))
             if live:
                 self.begin(one_after_the_other=True)
         except BaseException:
@@ -266,14 +254,8 @@ class StereoCameras(Closing):
             frame = self.pairing.newest[side]
         if frame is not None:
             return self.check_image(side, frame.image)
-        places = [usb_place(source.target) for source in self.sources if source.kind == "device"]
-        hint = ""
-        if side == 1 and len(places) == 2 and places[0] and places[1] and places[0].bus == places[1].bus:
-            hint = (
-                f" while the left one runs: both are on USB bus {places[0].bus}, which has no room for two. Use another "
-                f"bus for one of them (`lsusb -t` shows them), fourcc MJPG, a smaller size or a lower rate"
-            )
         why = reader.trouble or f"nothing for {FIRST_FRAME_S:g} s"
+        hint = "; a USB 2 bus often has no room for two cameras: see docs/robot/cameras.md" if side == 1 else ""
         raise InputError(f"the {SIDES[side]} camera ({reader.source.name}) opens but gives no frame ({why}){hint}")
 
     def add(self, side: int, frame: Frame) -> None:
@@ -299,7 +281,7 @@ class StereoCameras(Closing):
 
     def read_pair(self) -> Pair:
         """As `read`, but the two images as they came, with their times."""
-        pair = self.next_images() if self.played else self.next_pair()
+        pair = self.next_pair()
         for side, frame in enumerate(pair):
             self.check_image(side, frame.image)
         return pair
@@ -328,19 +310,6 @@ class StereoCameras(Closing):
             return False
         return newest is None or newest.time < frame.time
 
-    def next_images(self) -> Pair:
-        """The next frame of both files; the time is that of playing at their rate."""
-        number, frames = self.pairing.pairs, []
-        when = number / frame_rate(self.played[0], self.sources[0], self.settings)
-        for side, capture in enumerate(self.played):
-            good, image = capture.retrieve() if capture.grab() else (False, None)
-            if not good or image is None:
-                raise FramesEnded(f"{SIDES[side]} {self.sources[side].name} ended after {number} frames")
-            frames.append(Frame(image, when, when))
-        self.pairing.add(0, frames[0])
-        self.pairing.add(1, frames[1])
-        return Pair(*frames)
-
     def silence(self, now: float) -> str:
         reasons, limit, times = [], self.settings.max_age_ms / 1e3, []
         for side, reader in enumerate(self.readers):
@@ -367,8 +336,6 @@ class StereoCameras(Closing):
             reader.closed.set()
         for reader in self.readers:
             reader.close()
-        for capture in self.played:
-            capture.release()
 
 
 def driver_time(capture: Capture, now: float) -> float:

@@ -10,7 +10,7 @@ import importlib
 import pkgutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import ConfigDict, Field
@@ -50,8 +50,6 @@ class CameraSettings(Strict):
     """Longest wait for a pair, and largest age of one, in ms."""
     calibration: Path | None = None
     """File of `ndtorch calibrate`, OpenCV, Kalibr or KITTI by which frames are rectified; by default they are not."""
-    pace: Literal["real", "read"] = "real"
-    """Pace of files: their own rate (real), or one frame for each reading (read)."""
 
 
 class Capture(Protocol):

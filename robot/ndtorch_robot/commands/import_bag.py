@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -36,18 +36,9 @@ class Import:
     robot: Path | None = None
     """Robot of the bag, a file or one of robot/configs: its body and where its cameras are; calibration and rate are
     the bag's."""
-    camera_height: float | None = None
-    """Height of the cameras above the floor, in m (default: the robot's, or 0.2)."""
-    pitch: float | None = None
-    """Angle by which the cameras look down, in degrees (default: the robot's, or 0)."""
-    forward: float | None = None
-    """Distance of the cameras ahead of the point about which the robot turns, in m (default: the robot's, or 0)."""
     controller: str | None = None
     """Controller: published, ranging or goal; the last two need a view of the floor (default: the robot's, or
     published)."""
-    stereo: str | None = None
-    """Source of ranges: search of the right row (search) or matched features (features) (default: the robot's, or
-    search)."""
     seconds: float | None = None
     """Length of the bag that is read, in s."""
     json: bool = False
@@ -65,19 +56,18 @@ class Import:
         from ndtorch_robot.run_config import BodyTable
 
         torch.set_num_threads(1)
-        given = {k: v for k, v in asdict(self).items() if v is not None and v is not False}
-        body, options = BodyTable(camera_forward_m=0.0), {"controller": "published", "stereo": "search"}
-        own: dict[str, object] = {}
+        body, options = BodyTable(camera_forward_m=0.0), dict[str, object](controller="published", stereo="search")
         if self.robot is not None:
             robot, own = read_robot(self.robot)
-            body = robot.body
+            body, options = robot.body, options | own
+        if self.controller is not None:
+            options["controller"] = self.controller
         where = {"camera_height": body.camera_height_m, "forward": body.camera_forward_m}
-        where = {name: given.get(name, length) for name, length in where.items()}
-        where["pitch"] = math.radians(given.get("pitch", body.camera_pitch_deg))
+        where["pitch"] = math.radians(body.camera_pitch_deg)
         bag = StereoBag(self.bag, self.left, self.right, self.odometry, **where)
         if bag.topics.odometry is None:
             print_note("the bag has no odometry: the robot is taken to stand")
-        runner = NavigatorRunner(options_of(options | own | given), bag.rig, bag.rate, None, False, body.body())
+        runner = NavigatorRunner(options_of(options), bag.rig, bag.rate, None, False, body.body())
         ranged, began, last = 0, math.nan, math.nan
         with Recorder(self.out, runner, when_full="wait", report=print_note) as recorder, torch.inference_mode():
             for number, (frames, driven) in enumerate(bag.pairs()):

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from ndtorch.errors import InputError
 from ndtorch_robot.cameras import CameraSettings, CamerasSilent, Frame, FramesEnded, Pairing, StereoCameras
 from ndtorch_robot.cameras import pair as pair_module
-from ndtorch_robot.cameras.sources.v4l2 import UsbPlace
 from tests.robot.support.fake_captures import LiveCapture, folder_of, picture
 
 SMALL = {"width_px": 64, "height_px": 48}
@@ -50,17 +49,12 @@ def test_pairing_uses_no_frame_twice(steps, tolerance):
 
 def test_frames_are_red_green_blue_and_in_step(tmp_path):
     left, right = folder_of(tmp_path / "l", 3), folder_of(tmp_path / "r", 3, start=10)
-    cameras = StereoCameras(CameraSettings(left=str(left), right=str(right), pace="read", rate_hz=25, **SMALL))
-    for n in range(3):
+    with StereoCameras(CameraSettings(left=str(left), right=str(right), max_age_ms=5000, **SMALL)) as cameras:
         frames = cameras.read()
-        assert frames.time == n / 25
-        assert frames.left.shape == frames.right.shape == (1, 3, 48, 64)
-        assert frames.left.dtype == torch.uint8
-        assert np.array_equal(frames.left[0].permute(1, 2, 0).numpy()[..., ::-1], picture(n))
-        assert np.array_equal(frames.right[0, 0].numpy(), picture(10 + n)[..., 2])
-    with pytest.raises(FramesEnded, match="ended after 3 frames"):
-        cameras.read()
-    cameras.close()
+        n = int(np.argmin([np.abs(frames.left[0, 2].numpy().astype(int) - picture(n)[..., 0]).sum() for n in range(3)]))
+    assert frames.left.dtype == torch.uint8
+    assert np.array_equal(frames.left[0].permute(1, 2, 0).numpy()[..., ::-1], picture(n))
+    assert np.array_equal(frames.right[0, 0].numpy(), picture(10 + n)[..., 2])
 
 
 def taken_or_none(cameras):
@@ -157,16 +151,9 @@ def test_times_that_do_not_fit():
     cameras.close()
 
 
-def test_one_bus_for_two(monkeypatch):
-    monkeypatch.setattr(pair_module, "usb_place", lambda target: UsbPlace(3, 480.0, "3-1"))
-    with pytest.raises(
-        InputError, match=r"right camera \(1\) opens but gives no frame .*while the left one runs: .*bus 3"
-    ):
+def test_a_camera_without_frames():
+    with pytest.raises(InputError, match=r"right camera \(1\) opens but gives no frame .*USB"):
         live(LiveCapture(), LiveCapture(stops_at=0))
-    monkeypatch.setattr(pair_module, "usb_place", lambda target: UsbPlace(int(target[-1]), 480.0, "1-1"))
-    with pytest.raises(InputError, match="opens but gives no frame") as error:
-        live(LiveCapture(), LiveCapture(stops_at=0))
-    assert "bus" not in str(error.value)
 
 
 def test_another_size():
@@ -177,13 +164,6 @@ def test_another_size():
 def test_the_same_camera_twice():
     with pytest.raises(InputError, match="same camera"):
         StereoCameras(CameraSettings(left="/dev/video0", right="0", **SMALL))
-
-
-def test_folders_of_different_length(tmp_path):
-    left, right = folder_of(tmp_path / "l", 3), folder_of(tmp_path / "r", 2)
-    for pace in ("real", "read"):
-        with pytest.raises(InputError, match=r"as many images, got 3 in .*l and 2 in .*r"):
-            StereoCameras(CameraSettings(left=str(left), right=str(right), pace=pace, **SMALL))
 
 
 @pytest.mark.realtime

@@ -1,14 +1,10 @@
 """Opening cameras: what they are set to, what they say of it, and why they cannot be opened."""
 
 import errno
-import http.server
 import json
 import os
-import threading
-import time
 
 import cv2
-import numpy as np
 import pytest
 
 from ndtorch.cli.commands import main
@@ -121,48 +117,6 @@ def test_files_that_are_none(tmp_path, make, message):
         StereoCameras(CameraSettings(left=name, right=name))
 
 
-def test_a_stream_over_http():
-    """An address is read as a live camera."""
-    shown = np.zeros((48, 64, 3), np.uint8)
-    shown[:, :32], shown[:, 32:] = (20, 60, 200), (180, 90, 30)
-    jpeg = cv2.imencode(".jpg", shown)[1].tobytes()
-
-    class Camera(http.server.BaseHTTPRequestHandler):
-        def do_GET(self):
-            self.send_response(200)
-            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-            self.end_headers()
-            try:
-                for _ in range(200):
-                    head = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(jpeg)
-                    self.wfile.write(head + jpeg + b"\r\n")
-                    time.sleep(0.01)
-            except OSError:
-                pass
-
-        def log_message(self, *args):
-            pass
-
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Camera)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    address = f"http://127.0.0.1:{server.server_port}"
-    settings = CameraSettings(
-        left=f"{address}/a.mjpg",
-        right=f"{address}/b.mjpg",
-        width_px=64,
-        height_px=48,
-        max_age_ms=10000,
-        tolerance_ms=1000,
-    )
-    with StereoCameras(settings) as cameras:
-        frames = [cameras.read() for _ in range(3)]
-    server.shutdown()
-    server.server_close()
-    assert frames[0].time < frames[1].time < frames[2].time
-    seen = frames[2].left[0].permute(1, 2, 0).numpy()[..., ::-1].astype(float)
-    assert np.abs(seen - shown).mean() < 5
-
-
 def kernel(tmp_path):
     """Two USB cameras with a metadata node each, and a camera that is on no bus."""
     classes, dev = tmp_path / "class", tmp_path / "dev"
@@ -246,7 +200,7 @@ def test_a_kind_of_ones_own(monkeypatch, tmp_path):
         return FolderCapture(folder_of(tmp_path / camera.target, 3), settings.rate_hz)
 
     assert find_source("loop://a") == ("loop", "loop://a", "a", False)
-    settings = CameraSettings(left="loop://a", right="loop://b", width_px=64, height_px=48, pace="read")
+    settings = CameraSettings(left="loop://a", right="loop://b", width_px=64, height_px=48, max_age_ms=5000)
     with StereoCameras(settings) as cameras:
         assert cameras.read().left.shape == (1, 3, 48, 64)
     with pytest.raises(InputError, match="a camera source of the kind 'loop' already"):

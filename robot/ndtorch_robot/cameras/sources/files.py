@@ -49,7 +49,7 @@ class FolderCapture:
         return image is not None, image
 
     def get(self, propId: int) -> float:
-        return {cv2.CAP_PROP_FPS: self.rate, cv2.CAP_PROP_FRAME_COUNT: float(len(self.files))}.get(propId, 0.0)
+        return self.rate if propId == cv2.CAP_PROP_FPS else 0.0
 
     def set(self, propId: int, value: float) -> bool:
         return False
