@@ -13,7 +13,7 @@ import tyro
 from ndtorch.errors import InputError
 
 if TYPE_CHECKING:
-    from ndtorch_robot.ports import Clock, Drive, DriveCommand
+    from ndtorch_robot.ports import Clock, Drive
     from ndtorch_robot.run_config import RunConfig
     from ndtorch_robot.safety import SafeDrive
 
@@ -140,36 +140,31 @@ class Check:
         return True
 
     def move(self, safe: SafeDrive, motion: tuple[float, float], question: str) -> bool:
-        from ndtorch_robot.ports import DriveCommand
-
-        self.hold(safe, DriveCommand(*motion), 1.5)
+        """Send a motion for some seconds, through the safety layer as everything else, and ask for it."""
+        safe.wait_for_start(go=True)
+        send(safe, motion, 1.5)
+        if safe.sent != motion:
+            self.say(f"   not right: {motion} was wanted, {safe.sent} was sent")
         safe.stop()
         return self.ask(question)
 
     def emergency(self, safe: SafeDrive) -> bool:
         """Stop while driving."""
-        from ndtorch_robot.ports import DriveCommand
-
-        self.hold(safe, DriveCommand(CRAWL, 0.0), 1.0)
+        safe.wait_for_start(go=True)
+        send(safe, (CRAWL, 0.0), 1.0)
         safe.emergency("test of the emergency stop")
-        send(safe, DriveCommand(CRAWL, 0.0), 0.5)
+        send(safe, (CRAWL, 0.0), 0.5)
         telemetry = safe.drive.telemetry()
         stopped = not telemetry.get("armed", False) and telemetry.get("motor_us", NEUTRAL_US) == NEUTRAL_US
         self.say(f"   the board reports that it {'is stopped' if stopped else 'drives'}")
         return self.ask("Did the wheels stop at once?") and stopped
 
-    def hold(self, safe: SafeDrive, command: DriveCommand, seconds: float) -> None:
-        """Send a command for some seconds, through the safety layer as everything else."""
-        safe.wait_for_start(go=True)
-        sent = send(safe, command, seconds)
-        if sent != command:
-            self.say(f"   not right: {command} was wanted, {sent} was sent")
 
+def send(safe: SafeDrive, motion: tuple[float, float], seconds: float) -> None:
+    """Ask for a speed and a curvature again and again."""
+    from ndtorch_robot.ports import DriveCommand
 
-def send(safe: SafeDrive, command: DriveCommand, seconds: float) -> DriveCommand:
-    """Send a command again and again; the last one that was sent."""
-    sent, end = safe.sent, safe.clock.now() + seconds
+    end = safe.clock.now() + seconds
     while safe.clock.now() < end:
-        sent = safe.send(command)
+        safe.send(DriveCommand(*motion))
         safe.clock.wait_until(safe.clock.now() + 0.03)
-    return sent
