@@ -1,14 +1,13 @@
 # make demo   install into .venv, find the objects in the two-bars scene, then drive through the simulated hallway
 # make test   install and run every test that needs no special hardware
 # make test-unit  the quick ones alone: no whole runs, no C++ compiler
-# make test-long  the strong forms of some tests, minutes each     make test-variants  the suite as on other machines
+# make test-long  the strong forms of some tests, minutes each
 # make check  lint, format and types     make bench  timings side by side, out/bench.json
 # make bench-compare OLD=... NEW=...  fails where a row takes over 15 % more of a reference job
 # make docs    the documentation site, out/docs/index.html, its examples executed, its links followed
 # make docs-quick  the same in half a minute, out/docs-quick: its examples are not executed
 # make wheels  each distribution alone in an empty environment
 # make soak    half an hour of simulated driving with injected faults; MINUTES=600 for a night, and it continues where it was
-# make fuzz    damaged files for everything that reads one; MINUTES=10, and what was found lies in out/fuzz
 # make lock    uv.lock anew      make sbom   what is installed, out/sbom.json      make audit  known vulnerabilities of what is locked
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
 PYTHON ?= python3
@@ -20,7 +19,7 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c co
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test test-unit test-long test-variants check docs docs-quick wheels bench bench-compare soak fuzz lock sbom audit reproduce reproduce-quick clean
+.PHONY: setup demo test test-unit test-long check docs docs-quick wheels bench bench-compare soak lock sbom audit reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -35,26 +34,18 @@ demo: $(STAMP)
 	$(BIN)/ndtorch bind two-bars --out out
 	$(BIN)/ndtorch drive --out out/drive
 
-# What `.ci/run` replaces by a variant.
-SUITE := tests/variants.py plain
+PYTEST := $(BIN)/python -m pytest -q
 
 test: $(STAMP)
-	$(BIN)/python $(SUITE)
-	$(BIN)/python -m pytest -q -m 'realtime and not bench and not long' $$(grep -rl --include='*.py' 'mark\.realtime' tests | sort)
-
-UNIT := not slow and not compiled and not long and not realtime and not bench
+	$(PYTEST) -n 2 --dist worksteal --durations 10 -m 'not bench and not long and not realtime'
+	$(PYTEST) -p no:randomly -m 'realtime and not long'
 
 test-unit: $(STAMP)
-	$(BIN)/python tests/variants.py plain -n 2 --dist worksteal -q --durations 10 -m '$(UNIT)'
+	$(PYTEST) -n 2 --dist worksteal -m 'not slow and not compiled and not long and not realtime and not bench'
 
 test-long: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist worksteal -q --durations 10 -m 'long and not realtime'
-	$(BIN)/python -m pytest -q -m 'long and realtime' tests/robot
-
-# The suite on another machine, so to speak: VARIANT is one of those that `tests/variants.py` lists, or several of them
-# joined by +; all of them, one after the other, by default.
-test-variants: $(STAMP)
-	$(BIN)/python tests/variants.py $(VARIANT)
+	$(PYTEST) -n 2 --dist worksteal --durations 10 -m 'long and not realtime'
+	$(PYTEST) -p no:randomly -m 'long and realtime'
 
 check: $(STAMP)
 	$(BIN)/ruff check .
@@ -91,12 +82,8 @@ bench-compare: $(STAMP)
 	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)
 
 MINUTES ?= 30
-SEED ?= 1
 soak: $(STAMP)
 	$(BIN)/python -m tests.fault_injection --minutes $(MINUTES)
-
-fuzz: $(STAMP)
-	nice $(BIN)/python -m tests.fuzz --minutes $(MINUTES) --seed $(SEED)
 
 # Tools that look at packages have an environment of their own: what they need is not what is looked at.
 SUPPLY := .venv/supply

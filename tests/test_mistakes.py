@@ -34,7 +34,6 @@ CASES = {
         render
         sweep
         run
-        benchmark scenes --json=yes
     """,
     "Sources, scenes and models": """
         bind two-barz => did you mean two-bars?
@@ -43,23 +42,19 @@ CASES = {
         bind empty.mp4
         bind text.mp4
         bind one.png
-        bind sizes
         bind void
         bind camera:x
         bind two-bars --model publishd => did you mean published?
         bind two-bars --model foregroun
         bind two-bars --model ./void
-        bind two-bars --model foreground --rule hebbian
+        bind two-bars --model foreground --rule hebbian => has no option rule; published
         bind two-bars --model published --rule hebian => did you mean hebbian?
-        bind two-bars --rule scale-free => --model scale-free
-        bind two-bars --model scale-free --order printed => --order is an option of published
-        bind clip.avi --gamma 1 => --gamma is an option of published, scale-free; the model is foreground
-        bind clip.avi --fit stretch => the model is foreground
+        bind clip.avi --fit stretch => no option of foreground
         bind two-bars --mask => --mask is an option of foreground
         bind two-bars --gamma -1
         bind two-bars --gamma nan
         bind two-bars --gamma 1e300 => --gamma must be
-        bind two-bars --order last
+        bind two-bars --order last => must be one of filter-first, printed
         bind two-bars --seconds nan
         bind two-bars --settle 1e15 => --settle must be
         bind two-bars --settle nan => --settle must be
@@ -71,7 +66,7 @@ CASES = {
         bind two-bars --device cpu:7 => there is one cpu
         bind two-bars --device meta => 'meta' cannot be used
         bind two-bars --start 10
-        bind two-bars --fit squash
+        bind two-bars --fit squash => must be one of crop, stretch
         bind clip.avi --phase 90
         bind clip.avi --start 500
         bind clip.avi --fps 0
@@ -145,10 +140,6 @@ CASES = {
         first-stage --gamma 0
         first-stage --radius 2
         benchmark over-time --methods scalefree => did you mean scale-free?
-        benchmark scenes --seconds 1000
-        benchmark scenes --scenes 0 => --scenes must be a number from 1
-        benchmark hard --scenes -1
-        benchmark scenes --split tuen => did you mean tune?
         benchmark foreground void
         benchmark foreground . --methods mog2-sorted => did you mean mog2-sort?
         sweep bindin => did you mean binding?

@@ -36,10 +36,10 @@ REWORDED = (
 """What tyro says, and how we say it."""
 
 RANGES = {
-    **dict.fromkeys(("seed", "start", "stop"), (0, 2**31 - 1)),
+    **dict.fromkeys(("seed", "start", "stop", "frames"), (0, 2**31 - 1)),
     **dict.fromkeys(("scenes", "workers", "trials", "clips", "every"), (1, 10**6)),
     **dict.fromkeys(("seconds", "settle"), (0, 1e7)),
-    "fps": (0, 1e5),
+    **dict.fromkeys(("fps", "rate"), (0, 1e5)),
 }
 """What a number may be, wherever an option of that name is; others are within 1e9 of 0."""
 
