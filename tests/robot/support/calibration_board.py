@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import cache
 
+import cv2
 import numpy as np
 
 from ndtorch_robot.calibration import Board, calibrate, find_view
@@ -10,11 +11,8 @@ from ndtorch_robot.calibration import Board, calibrate, find_view
 
 def turn(rx, ry, rz):
     """Rotation matrix of turns about x (right), y (down) and z (ahead), degrees, z first."""
-    x, y, z = np.radians((rx, ry, rz))
-    about_x = np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]])
-    about_y = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
-    about_z = np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]])
-    return about_x @ about_y @ about_z
+    x, y, z = (cv2.Rodrigues(np.radians(angle) * axis)[0] for angle, axis in zip((rx, ry, rz), np.eye(3), strict=True))
+    return x @ y @ z
 
 
 @dataclass
@@ -32,32 +30,21 @@ class Eye:
     height: int = 480
 
     def __post_init__(self):
-        if self.rotation is None:
-            self.rotation = np.eye(3)
-
-    def distort(self, x, y):
-        k1, k2, p1, p2 = self.k
-        r2 = x * x + y * y
-        radial = 1 + k1 * r2 + k2 * r2 * r2
-        return x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        self.rotation = np.eye(3) if self.rotation is None else self.rotation
+        self.matrix = np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
 
     def rays(self):
         """Directions `[h, w, 3]` in the world of the pixels."""
-        goal_x, goal_y = np.meshgrid(
-            (np.arange(self.width) - self.cx) / self.fx, (np.arange(self.height) - self.cy) / self.fy
+        pixels = np.mgrid[: self.height, : self.width][::-1].reshape(2, -1).T.astype(float)
+        straight = cv2.undistortPoints(pixels, self.matrix, np.array(self.k), criteria=(3, 50, 1e-12))
+        return np.pad(straight.reshape(self.height, self.width, 2), ((0, 0), (0, 0), (0, 1)), constant_values=1) @ (
+            self.rotation.T
         )
-        x, y = goal_x.copy(), goal_y.copy()
-        for _ in range(12):  # the distortion is a small change: walk back what it adds
-            dx, dy = self.distort(x, y)
-            x, y = x + goal_x - dx, y + goal_y - dy
-        assert np.abs(np.stack(self.distort(x, y)) - (goal_x, goal_y)).max() < 1e-6
-        return np.stack((x, y, np.ones_like(x)), -1) @ self.rotation.T
 
     def project(self, points):
         """World points `[n, 3]` to pixels `[n, 2]`."""
         local = (np.asarray(points) - self.place) @ self.rotation
-        x, y = self.distort(local[:, 0] / local[:, 2], local[:, 1] / local[:, 2])
-        return np.column_stack((self.fx * x + self.cx, self.fy * y + self.cy))
+        return cv2.projectPoints(local, np.zeros(3), np.zeros(3), self.matrix, np.array(self.k))[0].reshape(-1, 2)
 
 
 def wave(u):
