@@ -46,11 +46,17 @@ class Cameras:
             raise InputError("give two cameras to measure, left and right, or none to list what is there")
         if not 0 < self.seconds <= 86400:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
-        result = listed() if self.left is None else self.measured()
-        if self.json:
-            print(json.dumps(result))
+        if self.left is not None:
+            result = self.measured()
+            text = lines(result)
         else:
-            print("\n".join(device_lines(result["devices"]) if self.left is None else lines(result)))
+            from ndtorch_robot.cameras import list_devices
+
+            devices = list_devices()
+            result = {"devices": [device._asdict() for device in devices]}
+            text = [f"{device.node}  {device.name}\n  {device.by_path or 'no name by path'}" for device in devices]
+            text = text or ["no cameras: two files, folders of images or addresses can be measured instead"]
+        print(json.dumps(result) if self.json else "\n".join(text))
         return 0
 
     def measured(self) -> dict[str, Any]:
@@ -100,27 +106,6 @@ def percentiles(values: Any) -> dict[str, float]:
     import numpy as np
 
     return dict(zip(("p1", "p50", "p99", "max"), np.percentile(values, (1, 50, 99, 100)).tolist(), strict=True))
-
-
-def listed() -> dict[str, Any]:
-    from ndtorch_robot.cameras import list_devices
-
-    devices = [device._asdict() | {"usb": device.usb and device.usb._asdict()} for device in list_devices()]
-    return {"devices": devices}
-
-
-def device_lines(devices: list[dict[str, Any]]) -> list[str]:
-    if not devices:
-        return ["no cameras: the kernel knows none; two files, folders of images or addresses can be measured instead"]
-    text, buses = [], []
-    for device in devices:
-        usb = device["usb"]
-        place = f"USB bus {usb['bus']} port {usb['port']}, {usb['speed']:g} Mbit/s" if usb else "not on the USB"
-        text += [f"{device['node']}  {device['name']}", f"  {place}", f"  {device['by_path'] or 'no name by path'}"]
-        buses += [usb["bus"]] if usb else []
-    if len(buses) > len(set(buses)):
-        text.append("Cameras on one USB 2 bus may not fit together: measure them, and see docs/robot/cameras.md.")
-    return text
 
 
 def lines(result: dict[str, Any]) -> list[str]:

@@ -96,28 +96,19 @@ def set_up(capture: Capture, camera: Source, settings: CameraSettings) -> None:
         )
 
 
-class UsbPlace(NamedTuple):
-    """Where a camera is plugged in: number and speed (Mbit/s) of the bus, and the port, `"1-2.3"`."""
-
-    bus: int
-    speed: float
-    port: str
-
-
 class Device(NamedTuple):
     """A camera the kernel knows.
 
     Attributes:
         node: `/dev/video0`.
         name: what it calls itself.
-        by_path: the name under `/dev/v4l/by-path` that stays the same while the plug stays where it is, or None.
-        usb: its place, or None where it is not on the USB.
+        by_path: the name under `/dev/v4l/by-path` that stays the same while the plug stays where it is, or None; it
+            says bus and port.
     """
 
     node: str
     name: str
     by_path: str | None
-    usb: UsbPlace | None
 
 
 def list_devices(classes: Path = CLASS, dev: Path = DEV) -> list[Device]:
@@ -125,21 +116,12 @@ def list_devices(classes: Path = CLASS, dev: Path = DEV) -> list[Device]:
     folder = dev / "v4l" / "by-path"
     links = sorted(folder.iterdir(), reverse=True) if folder.is_dir() else []
     names = {link.resolve().name: str(link) for link in links}
-    devices = []
-    for entry in sorted(classes.glob("video*"), key=lambda path: (len(path.name), path.name)):
-        if text(entry / "index") in ("0", ""):
-            place = usb_place(entry.name, classes)
-            devices.append(Device(str(dev / entry.name), text(entry / "name"), names.get(entry.name), place))
-    return devices
-
-
-def usb_place(node: str, classes: Path = CLASS) -> UsbPlace | None:
-    """The place of `/dev/videoN`, or of a link to it, on the USB."""
-    device = (classes / Path(node).resolve().name / "device").resolve()
-    for folder in (device, *device.parents):
-        if text(folder / "busnum").isdecimal():
-            return UsbPlace(int(text(folder / "busnum")), float(text(folder / "speed") or 0), folder.name)
-    return None
+    entries = sorted(classes.glob("video*"), key=lambda path: (len(path.name), path.name))
+    return [
+        Device(str(dev / entry.name), text(entry / "name"), names.get(entry.name))
+        for entry in entries
+        if text(entry / "index") in ("0", "")
+    ]
 
 
 def text(path: Path) -> str:
