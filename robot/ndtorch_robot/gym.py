@@ -58,21 +58,16 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
     - **Observation**: a dictionary. `"strips"` are what navigation reads, the left camera first: `fields`, the patches
       of floor as one image of six channels, uint8 `[6, h, w]`, and `rows`, the six channels of both horizon rows one
       after the other, float32 in 0..1 `[6 * 640]`. `"frames"` are the images `left` and `right`, uint8
-      `[3, 480, 640]`, ten times as slow. So networks for images take the images, channels first, and those for vectors
-      the rows.
-    - **Action**: speed, m/s, backward where negative, and curvature, 1/m, positive to the left: what is asked for, from
-      one frame to the next (30 a second). The car follows as fast as it can.
-    - **Reward**: metres really driven since the last step, less 10 for touching anything. Metres forward count on new
-      ground alone, in cells of half a metre for three seconds from when each was first entered, so that circles bring
-      nothing; metres backward count negative.
-    - **End**: touching anything terminates; what is registered is truncated after `max_episode_steps`, a minute.
+      `[3, 480, 640]`, ten times as slow.
+    - **Action**: speed, m/s, backward where negative, and curvature, 1/m, positive to the left, for one frame.
+    - **Reward**: metres really driven since the last step, less 10 for touching anything, which ends the episode.
+      Metres forward count on new ground alone, in cells of half a metre for three seconds from when each was first
+      entered; metres backward count negative.
     - **Info**: `pose` (true x, y, m, and heading, radians), `driven` (speed and curvature that the wheels say),
-      `time` (s) and `collisions`.
+      `time` (s) and `collisions`; a policy may not use it.
 
-    `reset(seed=...)` draws the building, its textures and the start from the seed: the same seed is the same episode.
-    Without a seed the next building follows. A new building takes seconds. With `building=N` all episodes are in
-    building N, the `--seed` of `ndtorch drive`; the seeds then draw where the car starts, and a reset takes
-    milliseconds.
+    `reset(seed=...)` draws the building, its textures and the start from the seed. A new building takes seconds; with
+    `building=N` all episodes are in building N, the `--seed` of `ndtorch drive`, and a reset takes milliseconds.
 
     Args:
         arena: a name that `ndtorch arenas` lists, or a `.toml` file.
@@ -152,7 +147,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         self.simulation.begin(drawn)
         self.safe = SafeDrive(self.simulation, self.simulation)
         self.frames, self.entered = self.simulation.read(), {}
-        return self.observation(self.frames), self.info(self.simulation, self.simulation.driven())
+        return self.observation(self.frames), self.info(self.simulation)
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         if self.simulation is None or self.safe is None:
@@ -168,8 +163,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         (x, y, _), now, length = simulation.pose, simulation.now(), simulation.car.length
         entered = self.entered.setdefault((math.floor(x / CELL), math.floor(y / CELL)), now)
         reward = (length if length < 0 or now - entered <= PASS else 0.0) - CONTACT * hit
-        driven = simulation.driven()
-        return self.observation(self.frames), reward, hit, False, self.info(simulation, driven)
+        return self.observation(self.frames), reward, hit, False, self.info(simulation)
 
     def observation(self, frames: StereoFrames) -> Observation:
         both = (frames.left, frames.right)
@@ -182,11 +176,10 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         rows = np.concatenate([pixels(strips.row).ravel() for strips in cut]) / np.float32(255)
         return {"fields": np.concatenate([pixels(strips.field) for strips in cut]), "rows": rows}
 
-    def info(self, simulation: Simulation, driven: DriveCommand) -> dict[str, Any]:
-        """The truth, which a policy may not use."""
+    def info(self, simulation: Simulation) -> dict[str, Any]:
         return {
             "pose": np.array(simulation.pose),
-            "driven": np.array([driven.speed, driven.curvature]),
+            "driven": np.array(simulation.driven()),
             "time": simulation.now(),
             "collisions": len(simulation.collisions),
         }

@@ -14,7 +14,6 @@ pytest.importorskip("gymnasium")
 import gymnasium
 from gymnasium.utils.env_checker import check_env
 
-from ndtorch.errors import InputError
 from ndtorch_robot.gym import CONTACT, DriveEnv, register, strips_of
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG, Simulation
@@ -102,15 +101,6 @@ def test_the_reward_is_what_was_driven_whatever_the_odometer_says(small: str) ->
         assert said == pytest.approx(1.2 * total)
 
 
-def test_frames_hold_the_strips(env: DriveEnv, small: str) -> None:
-    strips, _ = env.reset(seed=5)
-    with DriveEnv(small, observation="frames", building=7, render_mode="rgb_array") as whole:
-        frames, _ = whole.reset(seed=5)
-        assert np.array_equal(frames["left"][:, RIG.row], strips_of(strips)[0].row[0, :, 0])
-        assert np.array_equal(whole.render(), frames["left"].transpose(1, 2, 0))
-    assert set(strips) == {"fields", "rows"}
-
-
 def complaints(env: gymnasium.Env[Any, Any], **how: bool) -> list[str]:
     """What Gymnasium's checker says of it, but for the unit of actions: they are m/s and 1/m."""
     with warnings.catch_warnings(record=True) as said:
@@ -135,12 +125,3 @@ def test_many_at_once(small: str) -> None:
     _, rewards, *_ = envs.step(np.stack((AHEAD, 0 * AHEAD)))
     assert rewards[0] > rewards[1] == 0
     envs.close()
-
-
-def test_what_cannot_be_made_is_refused(small: str) -> None:
-    wrong = ({"arena": "nowhere"}, {"observation": "sound"}, {"render_mode": "human"})
-    for values in (*wrong, {"arena": small, "disturbance": "rain"}):
-        with pytest.raises(InputError):
-            DriveEnv(**values)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="reset"):
-        DriveEnv(small).step(AHEAD)

@@ -33,7 +33,7 @@ FAILED = 1
 class Evaluate:
     """Drive many times, in parallel, and put the results into one table.
 
-    Writes report.html, table.md, table.csv, table.png and drives.jsonl, and keeps every finished drive in DIR/drives:
+    Writes report.html, table.md, table.csv and drives.jsonl, and keeps every finished drive in DIR/drives:
     killed and started again it goes on where it was. With other options or other code it writes into a new folder,
     evaluate-2, and takes over the drives that are the same. Ctrl-C keeps what is finished.
     """
@@ -141,10 +141,8 @@ def name_of(config: DriveConfig) -> str:
 
 def write_tables(summaries: list[dict[str, Any]], folder: Path, note: str, as_json: bool) -> str:
     """All files of an evaluation; returns what to print."""
-    from ndtorch.report.page import Page, Shown, Table, command_line, versions
-    from ndtorch.report.plots import save
-    from ndtorch.utils.files import replacing, write_text
-    from ndtorch_robot.evaluation.plots import table_plot
+    from ndtorch.report.page import Page, Table, command_line, versions
+    from ndtorch.utils.files import write_text
     from ndtorch_robot.evaluation.table import comma_separated, markdown, rows_of, text_cells
 
     rows = rows_of(summaries)
@@ -153,15 +151,10 @@ def write_tables(summaries: list[dict[str, Any]], folder: Path, note: str, as_js
     write_text(folder / "table.csv", comma_separated(rows))
     write_text(folder / "drives.jsonl", "".join(json.dumps(s) + "\n" for s in summaries))
     if rows:
-        with replacing(folder / "table.png") as beside:
-            save(table_plot(rows), beside)
         hours, hits = sum(row["hours"] for row in rows), sum(summary["collisions"] for summary in summaries)
         answer = [f"{len(summaries)} drives, {hours:.2f} simulated hours, {hits} collisions.", note]
-        plot = Shown(
-            folder / "table.png", "Collisions and area", "Small markers are single drives, large ones all drives."
-        )
         table = Table("All drives together", *text_cells(rows))
-        Page("Many drives", answer, command_line(), versions("ndtorch-robot"), [table], [plot]).write(folder)
+        Page("Many drives", answer, command_line(), versions("ndtorch-robot"), [table]).write(folder)
     if as_json:
         return json.dumps([{k: v for k, v in row.items() if k != "drives"} for row in rows])
-    return f"{text}\nwritten to {folder}: table.md table.csv drives.jsonl" + " table.png report.html" * bool(rows)
+    return f"{text}\nwritten to {folder}: table.md table.csv drives.jsonl" + " report.html" * bool(rows)

@@ -1,4 +1,4 @@
-"""Plots of a drive, of an evaluation and of the BARN worlds."""
+"""Plots of a drive and of the BARN worlds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from ndtorch.navigation import REVERSE, TURN, Grid
 from ndtorch.report.plots import DPI, save
 from ndtorch_robot.drive import Result
 from ndtorch_robot.evaluation.record import Floats, pose_error, range_columns
-from ndtorch_robot.evaluation.table import Row
 from ndtorch_robot.sim.plan import Plan
 
 if TYPE_CHECKING:
@@ -24,9 +23,6 @@ if TYPE_CHECKING:
 
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 """The color-blind safe palette of Okabe and Ito."""
-
-STYLES = tuple(zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY), "os^DvP", strict=True))
-"""Color and marker of each controller."""
 
 SURFACES = {"wall": "0.2", "blank": "0.6", "door": "#a05a2c", "jamb": "0.2", "pillar": "0.2", "furniture": "#b08d57"}
 """Color of each kind of surface."""
@@ -205,36 +201,6 @@ def row_plot(result: Result, title: str) -> Figure:
         axes.set(title=f"{name} camera, row {rig.row}", xlabel="column (px)", xlim=(0, rig.width), ylim=(0, end))
     panels[0].set_ylabel("time (s)")
     figure.colorbar(dots, ax=panels, shrink=0.6, label="range of the feature (m)")
-    return figure
-
-
-def table_plot(rows: Sequence[Row]) -> Figure:
-    """Collisions and coverage of every arena and controller: small markers are single drives, large ones all drives."""
-    places = list(dict.fromkeys((row["arena"], row["walls"], row["disturbance"]) for row in rows))
-    controllers = list(dict.fromkeys(row["controller"] for row in rows))
-    figure = new_figure(11, max(2.4, 0.5 + 0.22 * len(places) * (len(controllers) + 0.6)) + 1.0)
-    left, right = figure.subplots(1, 2, sharey=True)
-    for row in rows:
-        which = controllers.index(row["controller"])
-        place = places.index((row["arena"], row["walls"], row["disturbance"]))
-        y = place + (which - (len(controllers) - 1) / 2) * min(0.3, 0.8 / len(controllers))
-        color, marker = STYLES[which % len(STYLES)]
-        hits = [d["collisions"] / d["simulated_seconds"] * 3600 for d in row["drives"]]
-        passed = [100 * d["free_area_passed"] for d in row["drives"]]
-        for axes, each, mean in ((left, hits, row["collisions_h"]), (right, passed, 100 * row["passed"])):
-            axes.plot(each, np.full(len(each), y), f"{marker}-", color=color, ms=5, alpha=0.6)
-            axes.plot([mean], [y], marker, color=color, ms=9, mec="white")
-    for which, controller in enumerate(controllers):
-        color, marker = STYLES[which % len(STYLES)]
-        left.plot([], [], marker, color=color, ms=9, label=controller)
-    left.set_yticks(range(len(places)), [", ".join(filter(None, (Path(p[0]).stem, *p[1:]))) for p in places])
-    left.set_ylim(len(places) - 0.45, -0.55)
-    left.set_xscale("symlog", linthresh=2, linscale=0.6)
-    left.set(xlabel="collisions per simulated hour (fewer is better)", xlim=(-0.15, None))
-    right.set(xlabel="free area passed within 1 m, % (more is better)", xlim=(-2, 102))
-    for axes in (left, right):
-        axes.grid(axis="x", color="0.9", zorder=0)
-    legend(figure, len(controllers), left)
     return figure
 
 

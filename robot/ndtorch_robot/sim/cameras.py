@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,23 +18,9 @@ from ndtorch_robot.sim.textures import Image
 from ndtorch_robot.sim.world import World
 
 Frame = torch.Tensor | Strips
-Pose = tuple[float, float, float]
-
-BLUR_SAMPLES = 4
-"""Frames whose mean is a frame with motion blur."""
-
-ROLLING_ROWS = 12
-"""Rows that a rolling shutter reads at one time."""
 
 REACH = (0.02, 60.0)
 """Nearest and farthest distance that is rendered, m."""
-
-
-class CarMotion(NamedTuple):
-    """Speed, m/s, and curvature, 1/m, of the car while the shutter is open."""
-
-    speed: float = 0.0
-    curvature: float = 0.0
 
 
 class CameraView(NamedTuple):
@@ -43,10 +29,6 @@ class CameraView(NamedTuple):
     position: Floats
     forward: Floats
     up: Floats
-
-
-Shot = Sequence[tuple[CameraView, Rect]]
-"""A strip: its parts from the top down, each with the view from which it is rendered."""
 
 
 class Cameras:
@@ -77,14 +59,14 @@ class Cameras:
         self.row = row_rect(rig)
         self.strips = tuple((field, self.row) for field in self.fields)
 
-    def look(self, x: float, y: float, heading: float, motion: CarMotion | None = None) -> list[Frame]:
+    def look(self, x: float, y: float, heading: float) -> list[Frame]:
         """What the left and the right camera see with the car there: frames `[1, 3, H, W]` uint8, or `Strips`."""
-        pose, frames = (x, y, heading), list[Frame]()
-        pieces = iter(self.expose(pose, motion or CarMotion()))
-        for side, rects in enumerate(self.strips):
+        frames, views = list[Frame](), [self.view(x, y, heading, side) for side in (0, 1)]
+        pieces = iter(self.render(views, self.strips))
+        for view, rects in zip(views, self.strips, strict=True):
             parts = [next(pieces) for _ in rects]
             if self.full_frames:
-                frame = self.frame(self.view(*pose, side))
+                frame = self.frame(view)
                 for rect, part in zip(rects, parts, strict=True):
                     frame[:, rect.top : rect.bottom, rect.left : rect.right] = part
                 frames.append(torch.from_numpy(frame)[None])
@@ -92,48 +74,22 @@ class Cameras:
                 frames.append(Strips(*(torch.from_numpy(part)[None] for part in parts)))
         return frames
 
-    def expose(self, pose: Pose, motion: CarMotion) -> list[Image]:
-        """All strips of the left camera and then of the right one, with motion blur where the shutter is slow."""
-        shutter = self.errors.shutter_s
-        times = [-shutter * (k + 0.5) / BLUR_SAMPLES for k in range(BLUR_SAMPLES)] if shutter else [0.0]
-        exposed = []
-        for time in times:
-            shots: list[Shot] = []
-            for side, rects in enumerate(self.strips):
-                views: dict[float, CameraView] = {}
-                for rect in rects:
-                    shot = []
-                    for part, delay in readout(rect, self.errors.readout_s, self.rig.height):
-                        if delay not in views:
-                            views[delay] = self.view(*moved(pose, motion, time + delay), side)
-                        shot.append((views[delay], part))
-                    shots.append(shot)
-            exposed.append(self.render(shots))
-        if len(exposed) == 1:
-            return exposed[0]
-        return [np.asarray(np.mean(same, 0) + 0.5).astype(np.uint8) for same in zip(*exposed, strict=True)]
-
-    def render(self, shots: Sequence[Shot]) -> list[Image]:
-        """The pixels of strips, each `[3, h, w]`, the colors of a pixel next to each other in memory."""
-        cameras: list[Floats] = []
-        parts, shapes, size = [], [], 0
-        aimed: CameraView | None = None
-        for shot in shots:  # the kernel takes the parts of one camera together
-            top, wide = shot[0][1].top, shot[0][1].right - shot[0][1].left
-            for view, part in shot:
-                if view is not aimed:
-                    cameras.append(self.projection(view))
-                    aimed = view
-                parts.append([len(cameras) - 1, *part, size + (part.top - top) * wide])
-            shapes.append((size, shot[-1][1].bottom - top, wide))
-            size += shapes[-1][1] * wide
-        out, w = np.empty((size, 3), np.uint8), self.world
-        rasterise(w.corners, w.surface, w.texels, w.mipmaps, np.array(cameras), np.array(parts), REACH, out)
-        return [out[n : n + high * wide].reshape(high, wide, 3).transpose(2, 0, 1) for n, high, wide in shapes]
+    def render(self, views: Sequence[CameraView], rects: Sequence[Sequence[Rect]]) -> list[Image]:
+        """The pixels of rectangles of each view, `[3, h, w]`, the colors of a pixel next to each other in memory."""
+        parts, begins, size, w = [], [], 0, self.world
+        for number, some in enumerate(rects):
+            for rect in some:
+                high, wide = rect.bottom - rect.top, rect.right - rect.left
+                parts.append([number, *rect, size])
+                begins.append((size, high, wide))
+                size += high * wide
+        cameras, out = np.array([self.projection(view) for view in views]), np.empty((size, 3), np.uint8)
+        rasterise(w.corners, w.surface, w.texels, w.mipmaps, cameras, np.array(parts), REACH, out)
+        return [out[n : n + high * wide].reshape(high, wide, 3).transpose(2, 0, 1) for n, high, wide in begins]
 
     def frame(self, view: CameraView) -> Image:
         """A whole frame `[3, H, W]`."""
-        return self.render([[(view, Rect(0, self.rig.height, 0, self.rig.width))]])[0]
+        return self.render([view], [[Rect(0, self.rig.height, 0, self.rig.width)]])[0]
 
     def projection(self, view: CameraView) -> Floats:
         """A camera as the kernel `visible_triangles` takes it, `[4, 3]`."""
@@ -157,19 +113,3 @@ class Cameras:
 
 def direction(angle: float) -> Floats:
     return np.array([math.cos(angle), math.sin(angle), 0.0])
-
-
-def moved(pose: Pose, motion: CarMotion, seconds: float) -> Pose:
-    """Where the car is after a time on its arc."""
-    x, y, heading = pose
-    length = motion.speed * seconds
-    half = motion.curvature * length / 2
-    return x + length * math.cos(heading + half), y + length * math.sin(heading + half), heading + 2 * half
-
-
-def readout(rect: Rect, seconds: float, height: int) -> Iterator[tuple[Rect, float]]:
-    """Parts of a rectangle, and when a rolling shutter reads each, s from the middle of the frame."""
-    step = ROLLING_ROWS if seconds else rect.bottom - rect.top
-    for top in range(rect.top, rect.bottom, step):
-        part = rect._replace(top=top, bottom=min(top + step, rect.bottom))
-        yield part, seconds * ((part.top + part.bottom) / 2 / height - 0.5)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -14,13 +14,11 @@ from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.toml import Strict, check
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 
-Array = Any
 Degrees = Annotated[float, Field(ge=-10, le=10)]
 Ratio = Annotated[float, Field(ge=0, le=1)]
 Often = Annotated[float, Field(ge=0, le=0.9)]
 ErrorRatio = Annotated[float, Field(ge=-0.5, le=0.5)]
 Seconds = Annotated[float, Field(ge=0, le=1)]
-Exposure = Annotated[float, Field(ge=0, le=0.1)]
 
 EXPOSURE_PERIOD, FLICKER_HZ = 3.0, 100.07
 """Period of swings of exposure, s, and frequency of lamps: at exactly 100 Hz the phase would repeat after 3 frames."""
@@ -30,8 +28,6 @@ PRESETS = {
     "exposure": "exposure_ratio=0.5",
     "flicker": "flicker_ratio=0.1",
     "dark": "darkness_ratio=0.85,noise_sigma=0.01",
-    "blur": "shutter_s=0.02",
-    "rolling": "readout_s=0.03",
     "pitch-up": "pitch_deg=-3",
     "pitch-down": "pitch_deg=3",
     "roll": "roll_deg=3",
@@ -54,49 +50,27 @@ PRESETS = {
 
 
 class Disturbances(Strict):
-    """The disturbances of a drive; none by default.
+    """The disturbances of a drive; none by default."""
 
-    Args:
-        pitch_deg, roll_deg, yaw_deg: Rotation of both cameras down, to their right side and to the left, degrees.
-        right_yaw_deg: Rotation of the right camera alone to the left, degrees.
-        baseline_error_ratio, focal_error_ratio: The true baseline and focal length are longer by this ratio.
-        shutter_s: Exposure time, which blurs what moves, s.
-        readout_s: Time in which the rows of a frame are read one after the other, s.
-        noise_sigma: Standard deviation of pixel noise, where white is 1.
-        exposure_ratio: Swing of the brightness of both cameras with a period of 3 s.
-        flicker_ratio: Swing of the brightness of lamps 100 times a second.
-        darkness_ratio: Ratio of the light that is missing.
-        lost_ratio, repeated_ratio: Ratio of the frames that never arrive, or are replaced by the one before.
-        latency_s: Age of the frames that arrive, s.
-        fps: Frames a second of the cameras; 0 is the rate of the car.
-        delay_s: Time until a command takes effect, s.
-        backlash_per_m: Largest difference between the curvature of the wheels and that of the servo, 1/m.
-        odometry_scale_ratio: Measured distances are too long by this ratio.
-        curvature_bias_per_m: Measured curvatures are too large by this much, 1/m.
-        slip_ratio: The wheels spin by up to this ratio of a distance; the ratio changes every second.
-    """
-
-    pitch_deg: Degrees = 0.0
-    roll_deg: Degrees = 0.0
-    yaw_deg: Degrees = 0.0
-    right_yaw_deg: Degrees = 0.0
-    baseline_error_ratio: ErrorRatio = 0.0
-    focal_error_ratio: ErrorRatio = 0.0
-    shutter_s: Exposure = 0.0
-    readout_s: Exposure = 0.0
-    noise_sigma: Ratio = 0.0
-    exposure_ratio: Ratio = 0.0
-    flicker_ratio: Ratio = 0.0
-    darkness_ratio: Ratio = 0.0
-    lost_ratio: Often = 0.0
-    repeated_ratio: Often = 0.0
-    latency_s: Seconds = 0.0
-    fps: Annotated[float, Field(ge=0, le=120)] = 0.0
-    delay_s: Seconds = 0.0
-    backlash_per_m: Annotated[float, Field(ge=0, le=2)] = 0.0
-    odometry_scale_ratio: ErrorRatio = 0.0
-    curvature_bias_per_m: ErrorRatio = 0.0
-    slip_ratio: Ratio = 0.0
+    pitch_deg: Degrees = 0.0  # rotation of both cameras down
+    roll_deg: Degrees = 0.0  # rotation of both cameras to their right side
+    yaw_deg: Degrees = 0.0  # rotation of both cameras to the left
+    right_yaw_deg: Degrees = 0.0  # rotation of the right camera alone to the left
+    baseline_error_ratio: ErrorRatio = 0.0  # how much longer the true baseline is
+    focal_error_ratio: ErrorRatio = 0.0  # how much longer the true focal length is
+    noise_sigma: Ratio = 0.0  # standard deviation of pixel noise, where white is 1
+    exposure_ratio: Ratio = 0.0  # swing of the brightness of both cameras with a period of 3 s
+    flicker_ratio: Ratio = 0.0  # swing of the brightness of lamps 100 times a second
+    darkness_ratio: Ratio = 0.0  # ratio of the light that is missing
+    lost_ratio: Often = 0.0  # ratio of the frames that never arrive
+    repeated_ratio: Often = 0.0  # ratio of the frames that are replaced by the one before
+    latency_s: Seconds = 0.0  # age of the frames that arrive
+    fps: Annotated[float, Field(ge=0, le=120)] = 0.0  # frames a second of the cameras; 0 is the rate of the car
+    delay_s: Seconds = 0.0  # time until a command takes effect
+    backlash_per_m: Annotated[float, Field(ge=0, le=2)] = 0.0  # difference between the curvatures of wheels and servo
+    odometry_scale_ratio: ErrorRatio = 0.0  # how much too long measured distances are
+    curvature_bias_per_m: ErrorRatio = 0.0  # how much too large measured curvatures are
+    slip_ratio: Ratio = 0.0  # largest part of a distance by which the wheels spin; changes every second
 
     @property
     def none(self) -> bool:
@@ -108,10 +82,10 @@ class Disturbances(Strict):
         """Whether the odometer is wrong."""
         return bool(self.odometry_scale_ratio or self.curvature_bias_per_m or self.slip_ratio)
 
-    def light(self, time: float, row_times: Array) -> Array:
-        """Brightness factors of rows that were read at `row_times`, s, in a frame of `time`."""
+    def light(self, time: float) -> float:
+        """Brightness factor of a frame of this time, s."""
         exposure = 1 + self.exposure_ratio * math.sin(2 * math.pi * time / EXPOSURE_PERIOD)
-        flicker = 1 + self.flicker_ratio * np.sin(2 * math.pi * FLICKER_HZ * row_times)
+        flicker = 1 + self.flicker_ratio * math.sin(2 * math.pi * FLICKER_HZ * time)
         return (1 - self.darkness_ratio) * exposure * flicker
 
 
@@ -139,12 +113,12 @@ class Effects:
         self.last: StereoFrames | None = None
         self.second, self.slip = -1, 0.0
 
-    def image(self, pixels: torch.Tensor, time: float, row_times: Array) -> torch.Tensor:
-        """A part `[1, 3, h, w]` uint8 of a frame as the sensor gives it; each of its rows was read at its own time."""
+    def image(self, pixels: torch.Tensor, time: float) -> torch.Tensor:
+        """A part `[1, 3, h, w]` uint8 of a frame of this time, s, as the sensor gives it."""
         d = self.given
         if not (d.noise_sigma or d.exposure_ratio or d.flicker_ratio or d.darkness_ratio):
             return pixels
-        lit = pixels.numpy().astype(np.float32) * d.light(time, row_times).astype(np.float32)[:, None]
+        lit = pixels.numpy() * np.float32(d.light(time))
         if d.noise_sigma:
             lit += np.float32(255 * d.noise_sigma) * self.rng.standard_normal(lit.shape, dtype=np.float32)
         return torch.from_numpy(np.clip(lit + 0.5, 0, 255).astype(np.uint8))

@@ -7,11 +7,10 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
-from torch import Tensor
 
 from ndtorch.navigation import Body, Rect, StereoRig, Strips
 from ndtorch_robot.ports import CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
-from ndtorch_robot.sim.cameras import Cameras, CarMotion, Frame
+from ndtorch_robot.sim.cameras import Cameras, Frame
 from ndtorch_robot.sim.car import Car, CarLimits
 from ndtorch_robot.sim.disturbances import Disturbances, Effects
 from ndtorch_robot.sim.plan import Plan, Point, rectangle_touches
@@ -191,20 +190,14 @@ class Simulation(Drive):
         if at is not None:
             count = len(self.world.person)
             self.world.corners[-count:, :, :2] = self.world.person[:, :, :2] + at
-        frames = self.cameras.look(*self.pose, CarMotion(self.car.speed, self.car.curvature))
-        left, right = (self.sensed(frame, side, now) for side, frame in enumerate(frames))
+        left, right = (self.sensed(frame, now) for frame in self.cameras.look(*self.pose))
         return self.effects.deliver(StereoFrames(left, right, now))
 
-    def sensed(self, frame: Frame, side: int, time: float) -> Frame:
-        """A frame of one side as its sensor gives it."""
-        if not isinstance(frame, Strips):
-            return self.sensed_part(frame, 0, time)
-        tops = (rect.top for rect in self.cameras.strips[side])
-        return Strips(*(self.sensed_part(part, top, time) for part, top in zip(frame, tops, strict=True)))
-
-    def sensed_part(self, pixels: Tensor, top: int, time: float) -> Tensor:
-        rows = top + np.arange(pixels.shape[-2], dtype=np.float64)
-        return self.effects.image(pixels, time, time + self.disturbances.readout_s * (rows / self.rig.height - 0.5))
+    def sensed(self, frame: Frame, time: float) -> Frame:
+        """A frame as its sensor gives it."""
+        if isinstance(frame, Strips):
+            return Strips(*(self.effects.image(part, time) for part in frame))
+        return self.effects.image(frame, time)
 
     def send(self, command: SafeCommand) -> DriveCommand:
         """Drive like this from now on."""

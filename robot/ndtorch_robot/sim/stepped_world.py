@@ -26,11 +26,8 @@ def good_cable(data: bytes, now: float) -> bytes:
 class SteppedWorld:
     """Cameras, clock, board and the drive link of a simulated car, on one simulated time.
 
-    The link is that of a car except for its threads: in every step of time the board runs, its pulses move the car,
-    and the link reads the board's answers and sends its heartbeats. A loop that hangs in simulated time is detected as
-    it would be in real time.
-
-    Implements `ports.CameraPair` and `ports.Clock`.
+    In every step of time the board runs, its pulses move the car, and the link reads the board's answers and sends its
+    heartbeats. Implements `ports.CameraPair` and `ports.Clock`.
 
     Args:
         drive: the link, which writes into this world.

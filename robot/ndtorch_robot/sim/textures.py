@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -209,39 +208,3 @@ def ceiling_texture(rows: int = 256, columns: int = 256) -> Image:
 def to_bytes(values: Array) -> Image:
     """Brightness 0..1 as uint8."""
     return np.asarray(np.clip(values * 255 + 0.5, 0, 255), dtype=np.uint8)
-
-
-class AtlasRect(NamedTuple):
-    """Where in the atlas a surface is: texture coordinates of its start, end, bottom and top."""
-
-    start: float
-    end: float
-    bottom: float
-    top: float
-
-
-def pack(surfaces: list[Surface], width: int = 8192, margin: int = 4) -> tuple[Image, list[list[AtlasRect]]]:
-    """All surfaces in one texture, and for each surface its patches; long ones are cut into several.
-
-    Every patch has a margin that repeats its border, so that no filter sees its neighbours.
-    """
-    pieces: list[tuple[int, Image, int, int]] = []
-    x = y = tall = 0
-    for k, surface in enumerate(surfaces):
-        columns = surface.texels.shape[1]
-        parts = math.ceil(columns / (width - 2 * margin))
-        for a, b in itertools.pairwise(round(columns * n / parts) for n in range(parts + 1)):
-            padded = np.pad(surface.texels[:, a:b], ((margin, margin), (margin, margin), (0, 0)), "edge")
-            if x + padded.shape[1] > width:
-                x, y, tall = 0, y + tall, 0
-            pieces.append((k, padded, x, y))
-            x, tall = x + padded.shape[1], max(tall, padded.shape[0])
-    height = y + tall
-    atlas = np.zeros((height, width, 3), np.uint8)
-    patches: list[list[AtlasRect]] = [[] for _ in surfaces]
-    for k, padded, x, y in pieces:
-        rows, columns = padded.shape[:2]
-        atlas[y : y + rows, x : x + columns] = padded
-        ends = (x + margin) / width, (x + columns - margin) / width
-        patches[k].append(AtlasRect(*ends, 1 - (y + rows - margin) / height, 1 - (y + margin) / height))
-    return atlas, patches

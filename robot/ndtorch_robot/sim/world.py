@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ndtorch.navigation import Body, StereoRig
 from ndtorch_robot.sim.plan import Floats, Plan, Point, circle
-from ndtorch_robot.sim.textures import Image, Walls, ceiling_texture, floor_texture, pack, ring_textures, to_bytes
+from ndtorch_robot.sim.textures import Image, Walls, ceiling_texture, floor_texture, ring_textures, to_bytes
 
 SKIRTING = (0.006, 0.08)
 """Depth and height of the skirting, m."""
@@ -25,6 +25,9 @@ CEILING_TILE = 9.6
 """Metres after which the ceiling repeats itself."""
 
 SKIRTING_COLOR, LID_COLOR = 51 | 48 << 8 | 46 << 16, 115 | 84 << 8 | 56 << 16
+
+MARGIN = 4
+"""Texels around the texture of a surface that repeat its border, so that no filter sees its other side."""
 
 LEVELS = 16
 """Mipmaps of a texture at most, itself included: each is half as large as the one before, down to a single texel."""
@@ -103,9 +106,9 @@ def build(
     rng = np.random.default_rng((seed, 100))
     rig, body = rig or StereoRig(), body or Body()
     surfaces = [s for r in plan.rings for s in ring_textures(r, plan.height, rng, walls)]
-    atlas, patches = pack(surfaces)
     floor, ground = floor_texture(plan, rng)
-    images = [atlas, floor, ceiling_texture()]
+    edged = ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0))
+    images = [floor, ceiling_texture(), *(np.pad(surface.texels, edged, "edge") for surface in surfaces)]
     scene = Quads()
     if walls == "textured":
         add_skirting(scene, plan, closed=rig.camera_height < SKIRTING[1])
@@ -115,22 +118,19 @@ def build(
             scene.level(tuple(sides), solid.height - 0.001, LID_COLOR)
             if solid.bottom:
                 scene.level(tuple(sides), solid.bottom + 0.001, LID_COLOR, down=True)
-    for (a, b), surface, cut in zip(plan.segments, surfaces, patches, strict=True):
-        columns = surface.texels.shape[1]
-        for n, p in enumerate(cut):
-            start, end = (a + round(columns * k / len(cut)) / columns * (b - a) for k in (n, n + 1))
-            z = (surface.bottom, surface.height)
-            scene.upright((start[0], start[1]), (end[0], end[1]), z, 0, (p.start, p.end), (p.bottom, p.top))
-    scene.level(ground, 0.0, 1, (1.0, 1.0))
+    for n, ((a, b), surface) in enumerate(zip(plan.segments, surfaces, strict=True)):
+        v, u = (MARGIN / size for size in images[2 + n].shape[:2])
+        scene.upright(tuple(a), tuple(b), (surface.bottom, surface.height), 2 + n, (u, 1 - u), (v, 1 - v))
+    scene.level(ground, 0.0, 0, (1.0, 1.0))
     repeated = ((ground[1] - ground[0]) / CEILING_TILE, (ground[3] - ground[2]) / CEILING_TILE)
-    scene.level(ground, plan.height, 2, repeated, down=True)
+    scene.level(ground, plan.height, 1, repeated, down=True)
     person = Quads()
     if pedestrian:
         images.append(to_bytes(rng.uniform(0.1, 0.9, (6, SIDES, 3)).repeat(32, 0).repeat(32, 1)))
         corners = circle(0.0, 0.0, PEDESTRIAN_RADIUS, SIDES)
         for k, corner in enumerate(corners):
             u = ((k + 1) / SIDES, k / SIDES)
-            person.upright(corners[(k + 1) % SIDES], corner, (0.0, PEDESTRIAN_HEIGHT), 3, u, (0.0, 1.0))
+            person.upright(corners[(k + 1) % SIDES], corner, (0.0, PEDESTRIAN_HEIGHT), len(images) - 1, u, (0.0, 1.0))
     (fixed, fixed_surface), (moving, moving_surface) = scene.triangles(), person.triangles()
     return World(
         np.concatenate((fixed, moving)),

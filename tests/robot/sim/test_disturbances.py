@@ -8,9 +8,8 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Rect, Strips
+from ndtorch.navigation import Strips
 from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.sim.cameras import CarMotion, moved, readout
 from ndtorch_robot.sim.car import Car
 from ndtorch_robot.sim.disturbances import PRESETS, Disturbances, Effects, read_disturbances
 from ndtorch_robot.sim.plan import Plan, ring
@@ -28,7 +27,7 @@ def test_text():
     assert (read.noise_sigma, read.pitch_deg, read.latency_s, read.fps) == (0.05, -2, 0.05, 0)
     assert not any(read_disturbances(name).none for name in PRESETS)
     assert read_disturbances("slip").odometer
-    assert not read_disturbances("noise,lost,delay,blur").odometer
+    assert not read_disturbances("noise,lost,delay").odometer
     for text, words in (
         ("nois", "no disturbance 'nois'"),
         ("nois_sigma=1", "did you mean noise_sigma"),
@@ -39,25 +38,14 @@ def test_text():
 
 
 def test_light():
-    grey, rows = torch.full((1, 3, 80, 60), 100, dtype=torch.uint8), np.zeros(80)
-    assert set(effects(darkness_ratio=0.5).image(grey, 0.3, rows).unique().tolist()) == {50}
-    assert effects(noise_sigma=0.05).image(grey, 0.0, rows).float().std() == pytest.approx(255 * 0.05, rel=0.05)
-    gain = Disturbances(flicker_ratio=0.1).light(0.0, np.linspace(0, 0.03, 480))
+    grey = torch.full((1, 3, 80, 60), 100, dtype=torch.uint8)
+    assert set(effects(darkness_ratio=0.5).image(grey, 0.3).unique().tolist()) == {50}
+    assert effects(noise_sigma=0.05).image(grey, 0.0).float().std() == pytest.approx(255 * 0.05, rel=0.05)
+    gain = np.array([Disturbances(flicker_ratio=0.1).light(t) for t in np.linspace(0, 0.03, 480)])
     assert gain.max() == pytest.approx(1.1, abs=1e-3)
     assert np.count_nonzero(np.diff(np.sign(gain - 1))) in (6, 7)  # three periods of 100 Hz in 30 ms
-    swings = [float(Disturbances(exposure_ratio=0.5).light(t, rows)[0]) for t in (0.75, 2.25)]
+    swings = [Disturbances(exposure_ratio=0.5).light(t) for t in (0.75, 2.25)]
     assert swings == pytest.approx([1.5, 0.5])
-
-
-def test_rolling_shutter_reads_rows_in_turn():
-    rect = Rect(300, 330, 0, 10)
-    assert list(readout(rect, 0.0, 480)) == [(rect, 0.0)]
-    parts = list(readout(rect, 0.048, 480))
-    assert [part.top for part, _ in parts] == [300, 312, 324]
-    assert parts[-1][0].bottom == 330
-    assert parts[0][1] == pytest.approx(0.048 * (306 / 480 - 0.5))
-    assert moved((1.0, 2.0, 0.0), CarMotion(0.5, 0.0), -0.1) == pytest.approx((0.95, 2.0, 0.0))
-    assert moved((0.0, 0.0, 0.0), CarMotion(1.0, math.pi), 1.0)[2] == pytest.approx(math.pi)
 
 
 def frames(time):
@@ -111,7 +99,7 @@ def test_a_disturbed_world():
         return simulation.read(), simulation.pose, simulation.driven()
 
     plain, pose, driven = looked()
-    for text in ("right_yaw_deg=1", "focal_error_ratio=0.05,shutter_s=0.05,readout_s=0.05"):
+    for text in ("right_yaw_deg=1", "focal_error_ratio=0.05"):
         disturbed, same, measured = looked(f"{text},odometry_scale_ratio=0.1")
         assert same == pose
         assert measured.speed == pytest.approx(1.1 * driven.speed)
