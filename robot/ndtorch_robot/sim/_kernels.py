@@ -53,6 +53,123 @@ def bilinear(u: float, v: float, texels: Array, start: int, stride: int, wide: f
 
 
 @jit
+def rasterise(
+    corners: Array,
+    surface: Array,
+    texels: Array,
+    mipmaps: Array,
+    cameras: Array,
+    parts: Array,
+    reach: tuple[float, float],
+    out: Array,
+) -> None:
+    """Draw parts of frames of textured or plain triangles with trilinear mipmaps, as OpenGL drivers do.
+
+    Args:
+        corners: see `visible_triangles`, `[N, 3, 5]`.
+        surface: `[N]` int32: number of the texture, or -1 less a color of 24 bits.
+        texels: see `bilinear`.
+        mipmaps: of each texture, `[P, L, 3]` int32, see `bilinear`; a width of 0 is none.
+        cameras: `[C, 4, 3]` float64, see `visible_triangles`.
+        parts: `[n, 6]` int64: number of the camera; top, bottom, left and right in its frame; the first pixel in `out`.
+            Those of one camera follow each other.
+        reach: nearest and farthest that is drawn, m.
+        out: `[pixels, 3]` uint8; rows of a part follow each other.
+    """
+    widest, many = (parts[:, 4] - parts[:, 3]).max(), corners.shape[0]
+    triangle, number, some = np.empty((many, 6, 3)), np.empty(many, np.int64), np.empty(many, np.int64)
+    rows, ends = np.empty((many, 2), np.int64), np.empty((many, 2, 5, 2))
+    nearest, which, line = np.empty(widest, np.float32), np.empty(widest, np.int32), np.empty(widest, np.uint32)
+    u, v, square = np.empty(widest, np.float32), np.empty(widest, np.float32), np.empty(widest, np.float32)
+    ramp, sizes = np.arange(widest).astype(np.float32), np.empty(widest, np.int32)
+    bits, aimed, count = square.view(np.int32), np.int64(-1), 0
+    for k in range(parts.shape[0]):
+        camera, top, bottom, left, right, start = parts[k]
+        if camera != aimed:
+            count, aimed = visible_triangles(corners, cameras[camera], reach[0], triangle, number), camera
+        few, width = 0, right - left
+        for n in range(count):
+            if bounds(triangle[n], (top, bottom, left, right), reach, rows[few], ends[few]):
+                some[few] = n
+                few += 1
+        for row in range(top, bottom):
+            depth_test(triangle, some[:few], rows, ends, row, left, ramp, nearest[:width], which[:width])
+            x = 0
+            while x < width:
+                end, n = x + 1, which[x]
+                while end < width and which[end] == n:
+                    end += 1
+                if n < 0 or surface[number[n]] < 0:
+                    line[x:end] = 0 if n < 0 else -1 - surface[number[n]]
+                else:
+                    mipmap = mipmaps[surface[number[n]]]
+                    texture_coordinates(triangle[n], row, left + x, mipmap[0], ramp, u[x:end], v[x:end], square[x:end])
+                    shade(u[x:end], v[x:end], bits[x:end], sizes[x:end], texels, mipmap, line[x:end])
+                x = end
+            for x in range(width):
+                pixel = out[start + x]
+                pixel[0], pixel[1], pixel[2] = u8(line[x]), u8(line[x] >> 8), u8(line[x] >> 16)
+            start += width
+
+
+@jit
+def depth_test(
+    triangle: Array,
+    some: Array,
+    rows: Array,
+    ends: Array,
+    row: int,
+    left: int,
+    ramp: Array,
+    nearest: Array,
+    which: Array,
+) -> None:
+    """The nearest triangle at every column of a row, -1 where there is none."""
+    nearest[:] = 0
+    which[:] = -1
+    for k in range(some.shape[0]):
+        if rows[k, 0] <= row < rows[k, 1]:
+            n, (first, end) = i32(some[k]), span(ends[k], row)
+            slope = f32(triangle[n, 3, 0])
+            begin = f32(triangle[n, 3, 0] * first + triangle[n, 3, 1] * row + triangle[n, 3, 2])
+            if first < end:
+                update_depth(slope, begin, n, ramp, nearest[first - left : end - left], which[first - left :])
+
+
+@jit
+def update_depth(slope: float, begin: float, n: int, ramp: Array, nearest: Array, which: Array) -> None:
+    """Enter this triangle where it is nearer than all so far."""
+    for x in range(nearest.shape[0]):
+        depth = slope * ramp[x] + begin
+        which[x] = n if depth > nearest[x] else which[x]
+        nearest[x] = max(depth, nearest[x])
+
+
+@jit
+def texture_coordinates(
+    triangle: Array, row: int, left: int, mipmap: Array, ramp: Array, u: Array, v: Array, square: Array
+) -> None:
+    """Texture coordinates along some columns of a row, and how many texels a pixel spans, squared."""
+    wide, high = f32(mipmap[1]), f32(mipmap[2])
+    depth, across, up = triangle[3], triangle[4], triangle[5]
+    q, s = depth[0] * left + depth[1] * row + depth[2], across[0] * left + across[1] * row + across[2]
+    t = up[0] * left + up[1] * row + up[2]
+    # Whole repetitions of the texture are subtracted before numbers are rounded to 24 bits.
+    turn, turn_up = np.floor(s / q), np.floor(t / q)
+    q0, s0, t0 = f32(q), f32(s - turn * q), f32(t - turn_up * q)
+    qx, sx, tx = f32(depth[0]), f32(across[0] - turn * depth[0]), f32(up[0] - turn_up * depth[0])
+    qy, sy, ty = f32(depth[1]), f32(across[1] - turn * depth[1]), f32(up[1] - turn_up * depth[1])
+    for k in range(u.shape[0]):
+        x = ramp[k]
+        far = f32(1) / (qx * x + q0)
+        a, b = (sx * x + s0) * far, (tx * x + t0) * far
+        u[k], v[k] = a - np.floor(a), b - np.floor(b)
+        along_u, along_v = (sx - a * qx) * wide, (tx - b * qx) * high
+        down_u, down_v = (sy - a * qy) * wide, (ty - b * qy) * high
+        square[k] = max(along_u * along_u + along_v * along_v, down_u * down_u + down_v * down_v) * far * far
+
+
+@jit
 def sample_bilinear(u: Array, v: Array, texels: Array, mipmap: Array, line: Array) -> None:
     """Colors `[n]` of one mipmap. `mipmap`: where it begins, its width and its height in texels, `[3]` int32."""
     start, stride = mipmap[0], i32(mipmap[1] + 2)
@@ -79,149 +196,6 @@ def sample_trilinear(u: Array, v: Array, shares: Array, texels: Array, mipmaps: 
         small, small_green = bilinear(u[k], v[k], texels, next_start, next_stride, next_wide, next_high)
         share = u32(shares[k] & 255)
         line[k] = u32(mix(both, small, share) | u32(mix(green, small_green, share) << BYTE))
-
-
-@jit
-def rasterise(
-    corners: Array,
-    surface: Array,
-    texels: Array,
-    mipmaps: Array,
-    cameras: Array,
-    parts: Array,
-    reach: tuple[float, float],
-    out: Array,
-) -> None:
-    """Draw parts of frames of textured or plain triangles with trilinear mipmaps, as OpenGL drivers do.
-
-    Args:
-        corners: see `visible_triangles`, `[N, 3, 5]`.
-        surface: `[N]` int32: number of the texture, or -1 less a color of 24 bits.
-        texels: see `bilinear`.
-        mipmaps: of each texture, `[P, L, 3]` int32, see `sample_bilinear`; a width of 0 is none.
-        cameras: `[C, 4, 3]` float64, see `visible_triangles`.
-        parts: `[n, 6]` int64: number of the camera; top, bottom, left and right in its frame; the first pixel in `out`.
-            Those of one camera follow each other.
-        reach: nearest and farthest that is drawn, m.
-        out: `[pixels, 3]` uint8; rows of a part follow each other.
-    """
-    widest = 0
-    for k in range(parts.shape[0]):
-        widest = max(widest, parts[k, 4] - parts[k, 3])
-    triangle, number = np.empty((corners.shape[0], 6, 3)), np.empty(corners.shape[0], np.int64)
-    here, rows = np.empty(corners.shape[0], np.int64), np.empty((corners.shape[0], 2), np.int64)
-    ends = np.empty((corners.shape[0], 2, 5, 2))
-    nearest, which, line = np.empty(widest, np.float32), np.empty(widest, np.int32), np.empty(widest, np.uint32)
-    ramp = np.arange(widest).astype(np.float32)
-    across, up = np.empty(widest, np.float32), np.empty(widest, np.float32)
-    square, sizes = np.empty(widest, np.float32), np.empty(widest, np.int32)
-    bits, aimed, count = square.view(np.int32), np.int64(-1), 0
-    for k in range(parts.shape[0]):
-        camera, top, bottom, left, right = parts[k, 0], parts[k, 1], parts[k, 2], parts[k, 3], parts[k, 4]
-        start = parts[k, 5]
-        if camera != aimed:
-            count, aimed = visible_triangles(corners, cameras[camera], reach[0], triangle, number), camera
-        some, width = 0, right - left
-        for n in range(count):
-            if bounds(triangle[n], (top, bottom, left, right), reach, rows[some], ends[some]):
-                here[some] = n
-                some += 1
-        for row in range(top, bottom):
-            depth_test(triangle, here[:some], rows, ends, row, left, ramp, nearest[:width], which[:width])
-            x = 0
-            while x < width:
-                end, n = x + 1, which[x]
-                while end < width and which[end] == n:
-                    end += 1
-                if n < 0 or surface[number[n]] < 0:
-                    line[x:end] = 0 if n < 0 else -1 - surface[number[n]]
-                else:
-                    mipmap = mipmaps[surface[number[n]]]
-                    u, v = across[x:end], up[x:end]
-                    interpolate(triangle[n], row, left + x, mipmap[0], ramp, u, v, square[x:end])
-                    shade(u, v, bits[x:end], sizes[x:end], texels, mipmap, line[x:end])
-                x = end
-            unpack_colors(line, out[start : start + width])
-            start += width
-
-
-@jit
-def depth_test(
-    triangle: Array,
-    here: Array,
-    rows: Array,
-    ends: Array,
-    row: int,
-    left: int,
-    ramp: Array,
-    nearest: Array,
-    which: Array,
-) -> None:
-    """The nearest triangle at every column of a row, -1 where there is none."""
-    nearest[:] = 0
-    which[:] = -1
-    for k in range(here.shape[0]):
-        if not rows[k, 0] <= row < rows[k, 1]:
-            continue
-        n = here[k]
-        first, end = span(ends[k], row)
-        if first < end:
-            slope = triangle[n, 3, 0]
-            begin = slope * first + triangle[n, 3, 1] * row + triangle[n, 3, 2]
-            update_depth(
-                f32(slope), f32(begin), i32(n), ramp, nearest[first - left : end - left], which[first - left :]
-            )
-
-
-@jit
-def update_depth(slope: float, begin: float, n: int, ramp: Array, nearest: Array, which: Array) -> None:
-    """Enter this triangle where it is nearer than all so far."""
-    for x in range(nearest.shape[0]):
-        here = slope * ramp[x] + begin
-        which[x] = n if here > nearest[x] else which[x]
-        nearest[x] = max(here, nearest[x])
-
-
-@jit
-def interpolate(
-    triangle: Array, row: int, left: int, mipmap: Array, ramp: Array, u: Array, v: Array, square: Array
-) -> None:
-    """Texture coordinates along some columns of a row of a triangle, see `texture_coordinates`."""
-    wide, high = f32(mipmap[1]), f32(mipmap[2])
-    depth, across, up = triangle[3], triangle[4], triangle[5]
-    q, s = depth[0] * left + depth[1] * row + depth[2], across[0] * left + across[1] * row + across[2]
-    t = up[0] * left + up[1] * row + up[2]
-    # Whole repetitions of the texture are subtracted before numbers are rounded to 24 bits.
-    whole, whole_up = np.floor(s / q), np.floor(t / q)
-    along = (f32(depth[0]), f32(across[0] - whole * depth[0]), f32(up[0] - whole_up * depth[0]))
-    down = (f32(depth[1]), f32(across[1] - whole * depth[1]), f32(up[1] - whole_up * depth[1]))
-    texture_coordinates(
-        (f32(q), f32(s - whole * q), f32(t - whole_up * q)), along, down, (wide, high), ramp, u, v, square
-    )
-
-
-@jit
-def texture_coordinates(
-    begin: tuple[float, float, float],
-    along: tuple[float, float, float],
-    down: tuple[float, float, float],
-    size: tuple[float, float],
-    ramp: Array,
-    u: Array,
-    v: Array,
-    square: Array,
-) -> None:
-    """Texture coordinates, and how many texels a pixel spans along its longer side, squared."""
-    (q0, s0, t0), (qx, sx, tx), (qy, sy, ty), (wide, high) = begin, along, down, size
-    for k in range(u.shape[0]):
-        x = ramp[k]
-        depth = f32(1) / (qx * x + q0)
-        a, b = (sx * x + s0) * depth, (tx * x + t0) * depth
-        u[k], v[k] = a - np.floor(a), b - np.floor(b)
-        along_u, along_v = (sx - a * qx) * wide, (tx - b * qx) * high
-        down_u, down_v = (sy - a * qy) * wide, (ty - b * qy) * high
-        longer = max(along_u * along_u + along_v * along_v, down_u * down_u + down_v * down_v)
-        square[k] = longer * depth * depth
 
 
 @jit
@@ -264,13 +238,6 @@ def mipmap_levels(bits: Array, most: Any, sizes: Array) -> tuple[Any, Any]:
         sizes[k] = size
         low, high = min(low, size), max(high, size)
     return low, high
-
-
-@jit
-def unpack_colors(line: Array, pixels: Array) -> None:
-    """Red, green and blue of every pixel next to each other."""
-    for x in range(pixels.shape[0]):
-        pixels[x, 0], pixels[x, 1], pixels[x, 2] = u8(line[x]), u8(line[x] >> 8), u8(line[x] >> 16)
 
 
 @jit
