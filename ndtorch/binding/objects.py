@@ -46,7 +46,8 @@ class BoundObject:
         shade: "white", "grey" or "black" of what has no hue; None of what has one, or where it is unknown.
         boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
         confidence: 0 to 1; None of models that do not say. Of features: probability that an object of these is in view;
-            of tracks: their rank by `ndtorch.tracking.rigid_motion.confidence`.
+            of tracks: their rank by `ndtorch.foreground.tracker.confidence`.
+        states: "measured", "predicted" (in a shared blob) or "stationary" at every sighting; empty of models without.
     """
 
     neuron: str
@@ -64,6 +65,7 @@ class BoundObject:
     boxes: tuple[tuple[float, float, float, float], ...] = ()
     number: int | None = None
     confidence: float | None = None
+    states: tuple[str, ...] = ()
 
     @property
     def box(self) -> tuple[float, float, float, float] | None:

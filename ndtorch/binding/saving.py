@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.errors import InputError
-from ndtorch.tracking.track import Rows, TrackTable
+from ndtorch.foreground.tracker import Tracks
 from ndtorch.utils.files import read_tensors, save_tensors
 from ndtorch.utils.tensors import leaves, mapped, parts
 
@@ -72,7 +72,7 @@ def example_state(model: BindingModel) -> Any:
 
 def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:
     """A tuple like the example, of the tensors whose names begin with the prefix."""
-    ragged, values = isinstance(example, TrackTable | Rows), list[Any]()
+    ragged, values = isinstance(example, Tracks), list[Any]()
     for name, part in parts(example):
         whole = prefix + name
         if isinstance(part, Tensor):

@@ -1,1 +1,1 @@
-"""Foreground of a static camera's video: background model, illumination, shadow and morphology -> foreground mask."""
+"""Objects in a static camera's video: background model and foreground mask, tracks of its blobs, their colors."""

@@ -1,186 +1,267 @@
-"""Background model: mean and deviation of every pixel of a static camera, and where they are known."""
+"""Background of a static camera's video: mean and noise of every pixel -> foreground mask of each frame.
+
+A pixel is foreground if it differs from the mean by more than a multiple of its noise (running average and deviation,
+Wren et al. 1997). Shadows are removed by their equal loss of light in all colors (Cucchiara et al. 2003). The background
+of a pixel is known once nothing has moved there for a while; before, broad motion is foreground.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
+import math
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
 
 from ndtorch.config import Constants, constant
-from ndtorch.foreground._kernels import SWINGS, LearningRates, learn
-from ndtorch.foreground.arrays import Bools, Bytes, Floats, aligned, aligned_copy
-from ndtorch.foreground.swinging import STRIDE, SWINGING
-from ndtorch.foreground.swinging import start as start_swinging
-from ndtorch.vision.temporal import smoothing_factor as checked_smoothing_factor
+from ndtorch.errors import InputError
+from ndtorch.vision.temporal import smoothing_factor
 
-smoothing_factor = cache(checked_smoothing_factor)
-"""It checks its arguments, which are always the same here."""
+Floats = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+Labels = npt.NDArray[np.int32]
+Numbers = npt.NDArray[np.float64]
 
-LEARNING_S = 2.0
-"""In the first seconds of a scene a pixel is known sooner: the time without motion that it needs grows until then."""
-MIN_MOVING_SIDE_RATIO = 0.06
-"""Where the background is not known, what moves is foreground if it is this broad (fraction of the height)."""
-MOTION_TRAIL_S = 0.1
-"""Where the background is not known, what moved within this time is foreground."""
-BLUR_PX = 3
-"""Frames are blurred by a square of this side before motion is measured."""
-SHADOW_CLOSING_RATIO = 0.04
-"""Shadow within this distance between foreground parts is foreground (fraction of the height): a dark coat."""
-
-OUTLIER_LIMIT = 3.0
-"""One step teaches the noise at most this many times its present value."""
+MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
+"""Mean and median of the magnitude of a normal variable, in standard deviations."""
+TAU_NOISE_S, OUTLIER = 4.0, 3.0
+"""Time constant of the noise, and the largest deviation from which it is learned, in its present values."""
+MIN_MOTION, MOTION_TRAIL_S, MIN_MOTION_SIDE = 0.012, 0.1, 0.06
+"""Smallest change from frame to frame that is motion (of full scale), how long it counts where no background is known,
+and the smallest side of what counts there (of the height)."""
+STARTING_S = 2.0
+"""From then on, a pixel needs the less time without motion the longer the scene has lasted."""
+DARK, MAX_GAIN = 0.04, 4.0
+"""The exposure is measured where the background is lighter than this (of full scale), and corrected by at most this."""
+NARROW_TINT = 0.05
+MIN_COLORFULNESS = 0.015
+LIGHT_OFFSET, PENUMBRA_PX, SHADOW_WINDOW_PX, SHADOW_VARIATION, COAT = 0.02, 2, 5, 0.06, 0.04
+"""Shadows: light added before a ratio is taken, width of an edge, window in which the ratio varies by at most so much, and
+the gap (of the height) in which what looks like a shadow belongs to the foreground around it."""
+CUT_AREA, BLOCK_PX, CUT_CHANGE, CUT_BLOCKS, CUT_CORRELATION = 0.7, 16, 0.04, 0.6, 0.25
+"""A new scene: foreground of this share of the image, or changes of so many blocks of this side by more than so much (of
+full scale), while they correlate by less than this with those before."""
 
 
 class BackgroundParams(Constants):
     """Constants of the background model; brightness is a fraction of full scale."""
 
     max_height_px: int = constant(
-        224, "Frames are shrunk by a whole number to at most this many rows.", ge=16, le=32_768
+        288, "Frames are shrunk by a whole number to at most this many rows.", ge=16, le=32_768
     )
     tau_background: float = constant(10.0, "The background follows with this time constant in seconds.", gt=0)
-    tau_noise: float = constant(4.0, "The noise of a pixel follows with this time constant in seconds.", gt=0)
     threshold_sigma: float = constant(
         3.0, "A pixel is foreground if it differs by more than this many standard deviations.", gt=0
     )
     min_noise_ratio: float = constant(
         0.006, "The noise is at least this standard deviation (fraction of full scale).", gt=0
     )
-    min_motion_ratio: float = constant(
-        0.012, "A pixel moves if it changes by at least this from frame to frame (of full scale).", gt=0
-    )
     static_after_s: float = constant(
         0.5, "A pixel without motion for this many seconds is background, or a ghost in it.", ge=0
-    )
-    object_learning_ratio: float = constant(
-        0.05, "The background under an object follows at this fraction of its pace.", ge=0
     )
     shadow_min_ratio: float = constant(
         0.4, "A shadow leaves at least this fraction of the background's light.", ge=0, le=1
     )
     shadow_max_tint_ratio: float = constant(0.12, "A shadow changes the colors' shares by at most this fraction.", ge=0)
-    shadow_max_variation_ratio: float = constant(
-        0.06, "The remaining light of a shadow varies by at most this among neighbours.", ge=0
-    )
 
 
 class BackgroundState(NamedTuple):
-    """State of the background model; its parts are arrays, or tensors in the state of a model.
+    """State of the background model; arrays in a call, tensors between calls.
 
     Attributes:
-        mean, deviation: background and mean deviation from it, `[3, h, w]`.
-        previous: the blurred frame before, `[3, h, w]`.
-        flicker: mean change from frame to frame, `[h, w]`.
-        static_time: seconds without motion, `[h, w]`.
-        initialised: 1 where the background is known, 0 elsewhere, `[h, w]`.
-        frames: frames seen since the scene began, int64 scalar.
-        swinging: see `ndtorch.foreground.swinging`, `[5, h / 2, w / 2]` uint8.
+        mean: background, `[3, h, w]` float32.
+        deviation: mean distance from it, the largest of the colors, `[h, w]` float32.
+        previous: the blurred grey frame before, `[h, w]` float32.
+        static_time: seconds without motion, `[h, w]` float32.
+        known: 1 where the background is known, else 0, `[h, w]` uint8.
+        frames: frames since the scene began, int64 scalar.
     """
 
     mean: Any
     deviation: Any
     previous: Any
-    flicker: Any
     static_time: Any
-    initialised: Any
+    known: Any
     frames: Any
-    swinging: Any
 
 
-@dataclass
-class BackgroundModel:
-    """A `BackgroundState` in arrays of its own, which each step changes in place, with buffers for the images of a
-    step, and the number of pixels where the background is `unknown`."""
+class Segmentation(NamedTuple):
+    """One segmented frame.
 
-    mean: Floats
-    deviation: Floats
-    previous: Floats
-    flicker: Floats
-    static_time: Floats
-    initialised: Floats
-    frames: int
-    swinging: Bytes
+    Attributes:
+        image: without its gain, `[3, h, w]`.
+        distance: from the background, the largest of the colors, `[h, w]`.
+        sigma: standard deviation of the noise, `[h, w]`.
+        mask: 1 for foreground, else 0, `[h, w]` uint8.
+        cut: whether a new scene begins.
+    """
 
-    def __post_init__(self) -> None:
-        shape = self.mean.shape
-        self.image, self.blurred, (self.grey, self.light) = aligned(*shape), aligned(*shape), aligned(2, *shape[1:])
-        self.marks = np.empty((5, *shape[1:]), np.uint8)
-        self.unknown = int((self.initialised == 0).sum())
-
-    @classmethod
-    def start(cls, image: Floats, p: BackgroundParams) -> BackgroundModel:
-        """Settled on one image `[3, h, w]`: no background is known."""
-        # Nothing has moved yet.
-        planes = aligned(3, *image.shape[1:])
-        planes[0], planes[1], planes[2] = p.min_noise_ratio, MOTION_TRAIL_S, 0
-        deviation, previous = aligned(*image.shape), aligned(*image.shape)
-        deviation[...] = p.min_noise_ratio
-        blur(image, previous)
-        swinging = start_swinging(*image.shape[1:])
-        return cls(aligned_copy(image), deviation, previous, planes[0], planes[1], planes[2], 0, swinging)
-
-    @classmethod
-    def of(cls, state: BackgroundState) -> BackgroundModel:
-        """A copy of a state."""
-        mean, deviation, previous, flicker, static_time, initialised = map(aligned_copy, state[:6])
-        swinging = np.asarray(state.swinging).copy()
-        return cls(mean, deviation, previous, flicker, static_time, initialised, int(state.frames), swinging)
-
-    def state(self) -> BackgroundState:
-        """The present state, which shares the memory."""
-        planes = (self.mean, self.deviation, self.previous, self.flicker, self.static_time, self.initialised)
-        return BackgroundState(*planes, np.array(self.frames, np.int64), self.swinging)
+    image: Floats
+    distance: Floats
+    sigma: Floats
+    mask: Bytes
+    cut: bool
 
 
-def blur(image: Floats, blurred: Floats) -> None:
-    """Every color `[3, h, w]` blurred by a square, into such an array."""
-    import cv2
+def start_background(image: Floats, p: BackgroundParams) -> BackgroundState:
+    """The state before the first frame `[3, h, w]`: no background is known."""
+    plane = np.zeros(image.shape[1:], np.float32)
+    noise = plane + np.float32(p.min_noise_ratio * MEAN_SIZE)
+    still = plane + np.float32(MOTION_TRAIL_S)
+    return BackgroundState(image.copy(), noise, blurred(image), still, plane.astype(np.uint8), np.zeros((), np.int64))
 
-    for plane, to in zip(image, blurred, strict=True):
-        cv2.blur(plane, (BLUR_PX, BLUR_PX), dst=to)
+
+def segment(raw: Floats, s: BackgroundState, dt: float, p: BackgroundParams) -> Segmentation:
+    """Foreground mask of a frame `[3, h, w]`, 0..1; `previous` and `static_time` of the state are updated."""
+    image = raw / exposure_gain(raw, s.mean)[:, None, None]
+    distance = cv2.absdiff(image.reshape(-1, image.shape[2]), s.mean.reshape(-1, image.shape[2])).reshape(image.shape)
+    distance = distance.max(0)
+    noise = max(float(np.median(distance[::4, ::4])) / MEDIAN_SIZE, p.min_noise_ratio)
+    sigma = np.maximum(s.deviation / np.float32(MEAN_SIZE), np.float32(noise))
+    candidates = np.asarray(distance > np.float32(p.threshold_sigma) * sigma)
+    grey = blurred(image)
+    other = is_other_scene(grey, s.previous) or candidates.mean() > CUT_AREA
+    moved = motion(grey, candidates, s, dt, p)
+    if other:
+        return Segmentation(raw, distance, sigma, np.zeros(grey.shape, np.uint8), True)
+    mask = (candidates & (s.known > 0)).astype(np.uint8)
+    mask = without_shadow(mask, image, s.mean, p)
+    mask = cv2.medianBlur(mask | moved, 3)
+    return Segmentation(image, distance, sigma, np.asarray(mask, np.uint8), False)
 
 
-def update_background(
-    model: BackgroundModel, image: Floats, noise: Floats, kept: Floats, dt: float, p: BackgroundParams
-) -> None:
-    """Let the background, its deviation and where it is known follow an image.
+def learn(seen: Segmentation, kept: Bytes, s: BackgroundState, dt: float, p: BackgroundParams) -> None:
+    """Let the background and its noise follow a frame where `kept` is 0; the state's arrays are updated.
 
-    The background follows at its pace, and under an object at `object_learning_ratio` of it. Before it is known, it is
-    the mean of what was seen since something moved.
+    Where it is not known, the background is the mean since something moved.
+    """
+    s.frames[...] += 1
+    seconds = float(s.frames) * dt
+    free = np.asarray((kept == 0) & (s.known > 0)).astype(np.uint8)
+    pace = smoothing_factor(p.tau_background, dt)
+    for plane, mean in zip(seen.image, s.mean, strict=True):
+        cv2.accumulateWeighted(plane, mean, pace, free)
+    usual = np.minimum(seen.distance, np.float32(OUTLIER * MEAN_SIZE) * seen.sigma)
+    noise_pace = max(1 / (float(s.frames) + 5), smoothing_factor(TAU_NOISE_S, dt))
+    cv2.accumulateWeighted(usual, s.deviation, noise_pace, free)
+    unknown = np.nonzero(s.known == 0)
+    if len(unknown[0]):
+        still = s.static_time[unknown]
+        for plane, mean in zip(seen.image, s.mean, strict=True):
+            mean[unknown] += (plane[unknown] - mean[unknown]) * np.float32(dt) / (still + np.float32(dt))
+        s.known[unknown] = still >= p.static_after_s * min(1.0, STARTING_S / seconds)
+
+
+def exposure_gain(image: Floats, background: Floats) -> Floats:
+    """Median ratio of each color to the background where that is not dark, `[3]`; 1 where nearly all of it is."""
+    one, other = image[:, ::4, ::4].reshape(3, -1), background[:, ::4, ::4].reshape(3, -1)
+    lit = other.min(0) > DARK
+    if lit.mean() < 0.1:
+        return np.ones(3, np.float32)
+    return np.asarray(np.median(one[:, lit] / other[:, lit], 1).clip(1 / MAX_GAIN, MAX_GAIN), np.float32)
+
+
+def motion(
+    grey: Floats, candidates: npt.NDArray[np.bool_], s: BackgroundState, dt: float, p: BackgroundParams
+) -> Bytes:
+    """Update the time without motion; returns broad motion where no background is known, `[h, w]`.
+
+    A pixel moves if it changes by more than the noise, and, where no background is known, if it is a candidate.
+    """
+    change = cv2.absdiff(grey, s.previous)
+    s.previous[...] = grey
+    noise = float(np.median(change[::4, ::4])) / MEDIAN_SIZE
+    unknown = s.known == 0
+    moves = (change > max(MIN_MOTION, p.threshold_sigma * noise)) | (candidates & unknown)
+    wide = cv2.dilate(cv2.medianBlur(moves.astype(np.uint8), 3), np.ones((3, 3), np.uint8))
+    s.static_time[...] += np.float32(dt)
+    s.static_time[wide > 0] = 0
+    side = 2 * round(MIN_MOTION_SIDE * len(grey) / 2) + 1
+    recent = np.asarray(unknown & (s.static_time < MOTION_TRAIL_S)).astype(np.uint8)
+    return np.asarray(cv2.morphologyEx(recent, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
+
+
+def without_shadow(mask: Bytes, image: Floats, background: Floats, p: BackgroundParams) -> Bytes:
+    """A mask without pixels that only lost light, by about the same share in all colors and among neighbours."""
+    left, top, width, height = cv2.boundingRect(mask)
+    if not width:
+        return mask
+    edge = SHADOW_WINDOW_PX
+    rows = slice(max(0, top - edge), top + height + edge)
+    columns = slice(max(0, left - edge), left + width + edge)
+    ratio = (image[:, rows, columns] + np.float32(LIGHT_OFFSET)) / (
+        background[:, rows, columns] + np.float32(LIGHT_OFFSET)
+    )
+    light = ratio.mean(0)
+    tint = ratio.max(0) - ratio.min(0)
+    dim = (light < 1) & (light > p.shadow_min_ratio) & (tint <= np.float32(2 * p.shadow_max_tint_ratio) * light)
+    window = (SHADOW_WINDOW_PX, SHADOW_WINDOW_PX)
+    variance = cv2.blur(light * light, window) - cv2.blur(light, window) ** 2
+    even = (dim & (variance < SHADOW_VARIATION**2)).astype(np.uint8)
+    colorful = float(np.ptp(background[:, ::4, ::4], 0).mean()) > MIN_COLORFULNESS
+    narrow = dim & (tint <= np.float32(2 * NARROW_TINT) * light) if colorful else np.zeros_like(dim)
+    even = cv2.dilate(even, np.ones((2 * PENUMBRA_PX + 1, 2 * PENUMBRA_PX + 1), np.uint8))
+    own = mask[rows, columns]
+    lit = own & ~(dim & (even > 0) | narrow).astype(np.uint8) & 1
+    side = 2 * round(COAT * len(mask) / 2) + 1
+    found = np.zeros_like(mask)
+    found[rows, columns] = cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)) & own
+    return found
+
+
+def blurred(image: Floats) -> Floats:
+    """Mean of the colors of `[3, h, w]`, blurred."""
+    return np.asarray(cv2.blur(image.mean(0), (3, 3)), np.float32)
+
+
+def is_other_scene(grey: Floats, previous: Floats) -> bool:
+    """Whether most blocks changed, and are bright elsewhere than before; a change of light leaves them correlated."""
+    size = (max(2, grey.shape[1] // BLOCK_PX), max(2, grey.shape[0] // BLOCK_PX))
+    one, other = (np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA)) for plane in (grey, previous))
+    if (np.abs(one - other) > CUT_CHANGE).mean() < CUT_BLOCKS:
+        return False
+    one, other = one - one.mean(), other - other.mean()
+    return float((one * other).sum()) <= CUT_CORRELATION * math.sqrt(float((one**2).sum() * (other**2).sum()))
+
+
+def is_ghost(region: Bytes, around: Bytes, image: Floats, background: Floats) -> bool:
+    """Whether an object stood in a region of the foreground when the background was learned, and has left: the edges
+    of the region are those of the background, not those of the image.
 
     Args:
-        model: updated.
-        image: without its gain, `[3, h, w]`.
-        noise: of each color, `[3]`.
-        kept: 1 where tracked objects are, 3 where long stationary ones are, `[h, w]`; becomes 2 where they swing.
-        dt: seconds of a step.
+        region: 1 inside, and around: 1 for other foreground, `[h, w]` uint8.
+        image, background: `[3, h, w]`.
     """
-    model.frames = seen = model.frames + 1
-    if model.swinging[SWINGING].any():
-        height, width = kept.shape
-        swinging = model.swinging[SWINGING].repeat(STRIDE, 0)[:height].repeat(STRIDE, 1)[:, :width]
-        kept[(swinging > 0) & (kept > 0)] = SWINGS
-    rates = LearningRates(
-        needed=p.static_after_s * LEARNING_S / max(LEARNING_S, seen * dt),
-        dt=dt,
-        background=smoothing_factor(p.tau_background, dt),
-        noise=noise_share(seen, dt, p),
-        object_ratio=p.object_learning_ratio,
-        outlier_limit=OUTLIER_LIMIT,
-    )
-    known = (model.static_time, model.initialised, model.unknown)
-    model.unknown = learn(image, noise, kept, model.mean, model.deviation, *known, rates)
+    square = np.ones((3, 3), np.uint8)
+    edge = cv2.dilate(region, square) & ~cv2.erode(region, square) & ~cv2.dilate(around, square) & 1
+    if not edge.any():
+        return False
+    strengths = []
+    for picture in (image, background):
+        grey = picture.mean(0)
+        slopes = cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)
+        strengths.append(float(cv2.magnitude(*slopes)[edge > 0].mean()))
+    return strengths[0] < strengths[1]
 
 
-def replace_background(model: BackgroundModel, image: Floats, ghost: Bools) -> None:
-    """An image becomes background where an object was that has left, `[h, w]`, and around it."""
-    import cv2
+def downscale(frame: Tensor, size: tuple[int, int]) -> Floats:
+    """A frame `[3, H, W]` averaged to that height and width, `[3, h, w]`, 0..1.
 
-    wide = cv2.dilate(ghost.astype(np.uint8), np.ones((3, 3), np.uint8))
-    np.copyto(model.mean, image, where=np.asarray(wide) > 0)
+    Floats are rounded to the 256 levels of uint8: a picture gives the same numbers in whatever type it comes.
 
-
-def noise_share(frames: int, dt: float, p: BackgroundParams) -> float:
-    """Share by which the noise follows: that of the first frames is learned as their mean."""
-    return max(1 / (frames + 5), smoothing_factor(p.tau_noise, dt))
+    Raises:
+        InputError: NaN or infinite values.
+    """
+    if frame.dtype != torch.uint8:
+        if not torch.isfinite(frame.sum()):
+            raise InputError("frames must be finite, got NaN or infinite values")
+        frame = (frame * 255).round_().clamp_(0, 255).to(torch.uint8)
+    planes = frame.detach().cpu().numpy()
+    small = np.empty((3, *size), np.float32)
+    for plane, to in zip(planes, small, strict=True):
+        resized = plane if plane.shape == size else cv2.resize(plane, size[::-1], interpolation=cv2.INTER_AREA)
+        np.multiply(resized, np.float32(1 / 255), out=to)
+    return small

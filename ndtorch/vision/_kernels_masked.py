@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 from math import sqrt
+from typing import Any
 
 import numpy as np
 
-from ndtorch.foreground.arrays import Array
-from ndtorch.foreground.morphology import any_nonzero
 from ndtorch.utils.jit import jit
+
+Array = Any
+"""An array in a compiled function."""
+
+
+@jit
+def any_nonzero(row: Array) -> bool:
+    """Whether a row of whole numbers has one that is not 0. Most rows have none and are skipped by this test."""
+    some = np.int32(0)
+    for x in range(row.shape[0]):
+        some |= np.int32(row[x])
+    return bool(some != 0)
 
 
 @jit

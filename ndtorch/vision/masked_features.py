@@ -7,15 +7,19 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
 from ndtorch.config import Constants, constant
-from ndtorch.foreground.arrays import Floats, Labels, Numbers, aligned, aligned_copy
 from ndtorch.vision._kernels_masked import signals_of_sums, sum_features
 from ndtorch.vision.motion import MotionState
 from ndtorch.vision.orientation import OrientedDoG
 from ndtorch.vision.temporal import smoothing_factor
+
+Floats = npt.NDArray[np.float32]
+Labels = npt.NDArray[np.int32]
+Numbers = npt.NDArray[np.float64]
 
 CENTER, SURROUND = (2.85, 0.9), (3.3, 1.35)
 """Deviations of the orientation filters in half the image's pixels: those published for 500 pixels, brought to 56."""
@@ -70,7 +74,7 @@ class MaskedFeatures(nn.Module):
         apart = (image - background) * (labels > 0)
         pairs = apart[..., ::2] + apart[..., 1::2]
         halved = (pairs[:, ::2] + pairs[:, 1::2]) / 4
-        return FeatureState(MotionState(aligned_copy(halved), np.zeros_like(halved)))  # type: ignore[arg-type]
+        return FeatureState(MotionState(halved, np.zeros_like(halved)))  # type: ignore[arg-type]
 
     def measure(self, image: Floats, background: Floats, labels: Labels, state: FeatureState) -> Measured:
         """The first part of a step, which goes on from the state before; the state's arrays are updated.
@@ -79,7 +83,7 @@ class MaskedFeatures(nn.Module):
             image, background: `[3, h, w]`.
             labels: number of the track of every pixel plus one, 0 for none, `[h, w]`.
         """
-        strongest, sums = aligned(*self.size), np.empty((self.params.max_objects, 6))
+        strongest, sums = np.empty(self.size, np.float32), np.empty((self.params.max_objects, 6))
         sum_features(image, background, labels, state.motion.slow, state.motion.delayed, self.shares, strongest, sums)
         return Measured(strongest, sums)
 
@@ -108,8 +112,7 @@ def oriented_filters() -> Floats:
     impulse = torch.zeros(1, 2 * side, 2 * side)
     impulse[0, RADIUS, RADIUS] = 1
     response = OrientedDoG((2 * side, 2 * side), center=CENTER, surround=SURROUND, exact=True).images(impulse)[0]
-    filters = aligned(side, 3, -(-side * side // UNROLLED) * UNROLLED)
-    filters[...] = 0
+    filters = np.zeros((side, 3, -(-side * side // UNROLLED) * UNROLLED), np.float32)
     for first in range(side):
         turned = response[:, :side, :side].roll(first, 1)
         filters[first, :, : side * side] = turned.transpose(1, 2).reshape(3, -1)
