@@ -1,8 +1,8 @@
 """Background of a static camera's video: mean and noise of every pixel -> foreground mask of each frame.
 
 A pixel is foreground if it differs from the mean by more than a multiple of its noise (running average and deviation,
-Wren et al. 1997). Shadows are removed by their equal loss of light in all colors (Cucchiara et al. 2003). The background
-of a pixel is known once nothing has moved there for a while; before, broad motion is foreground.
+Wren et al. 1997). Shadows are removed by their equal loss of light in all colors (Cucchiara et al. 2003). A background
+is known once nothing has moved there for a while; before, broad motion is foreground.
 """
 
 from __future__ import annotations
@@ -36,14 +36,16 @@ STARTING_S = 2.0
 """From then on, a pixel needs the less time without motion the longer the scene has lasted."""
 DARK, MAX_GAIN = 0.04, 4.0
 """The exposure is measured where the background is lighter than this (of full scale), and corrected by at most this."""
-NARROW_TINT = 0.05
-MIN_COLORFULNESS = 0.015
-LIGHT_OFFSET, PENUMBRA_PX, SHADOW_WINDOW_PX, SHADOW_VARIATION, COAT = 0.02, 2, 5, 0.06, 0.04
-"""Shadows: light added before a ratio is taken, width of an edge, window in which the ratio varies by at most so much, and
-the gap (of the height) in which what looks like a shadow belongs to the foreground around it."""
-CUT_AREA, BLOCK_PX, CUT_CHANGE, CUT_BLOCKS, CUT_CORRELATION = 0.7, 16, 0.04, 0.6, 0.25
-"""A new scene: foreground of this share of the image, or changes of so many blocks of this side by more than so much (of
-full scale), while they correlate by less than this with those before."""
+LIGHT_OFFSET, WINDOW_PX, MAX_VARIATION, PENUMBRA_PX = 0.02, 5, 0.06, 2
+"""Shadows: light added before a ratio is taken, window in which the ratio varies by at most so much, width of edges."""
+NARROW_TINT, MIN_COLORFULNESS = 0.05, 0.015
+"""A narrow shadow changes the colors' shares by at most this; it is told by its tint where the background has this mean
+distance between its largest and smallest color."""
+COAT = 0.04
+"""What looks like a shadow in a gap of this fraction of the height belongs to the foreground around it: a dark coat."""
+CUT_AREA, CUT_CHANGE, CUT_BLOCKS, BLOCK_PX, CUT_CORRELATION = 0.7, 0.02, 0.6, 8, 0.25
+"""A new scene: foreground of this fraction of the image, or changes by so much (of full scale) of this fraction of the
+blocks, of so many pixels, while they correlate by less than this with those before."""
 
 
 class BackgroundParams(Constants):
@@ -74,7 +76,7 @@ class BackgroundState(NamedTuple):
     Attributes:
         mean: background, `[3, h, w]` float32.
         deviation: mean distance from it, the largest of the colors, `[h, w]` float32.
-        previous: the blurred grey frame before, `[h, w]` float32.
+        previous: the blurred frame before, `[3, h, w]` float32.
         static_time: seconds without motion, `[h, w]` float32.
         known: 1 where the background is known, else 0, `[h, w]` uint8.
         frames: frames since the scene began, int64 scalar.
@@ -116,17 +118,19 @@ def start_background(image: Floats, p: BackgroundParams) -> BackgroundState:
 
 def segment(raw: Floats, s: BackgroundState, dt: float, p: BackgroundParams) -> Segmentation:
     """Foreground mask of a frame `[3, h, w]`, 0..1; `previous` and `static_time` of the state are updated."""
-    image = raw / exposure_gain(raw, s.mean)[:, None, None]
+    gain = exposure_gain(raw, s.mean)
+    image = raw / gain[:, None, None]
     distance = cv2.absdiff(image.reshape(-1, image.shape[2]), s.mean.reshape(-1, image.shape[2])).reshape(image.shape)
     distance = distance.max(0)
     noise = max(float(np.median(distance[::4, ::4])) / MEDIAN_SIZE, p.min_noise_ratio)
     sigma = np.maximum(s.deviation / np.float32(MEAN_SIZE), np.float32(noise))
     candidates = np.asarray(distance > np.float32(p.threshold_sigma) * sigma)
-    grey = blurred(image)
-    other = is_other_scene(grey, s.previous) or candidates.mean() > CUT_AREA
-    moved = motion(grey, candidates, s, dt, p)
+    smooth = blurred(image)
+    faded = (np.abs(np.log(gain)) > 0.999 * math.log(MAX_GAIN)).sum() > 1
+    other = faded or is_other_scene(smooth, s.previous) or candidates.mean() > CUT_AREA
+    moved = motion(smooth, candidates, s, dt, p)
     if other:
-        return Segmentation(raw, distance, sigma, np.zeros(grey.shape, np.uint8), True)
+        return Segmentation(raw, distance, sigma, np.zeros(sigma.shape, np.uint8), True)
     mask = (candidates & (s.known > 0)).astype(np.uint8)
     mask = without_shadow(mask, image, s.mean, p)
     mask = cv2.medianBlur(mask | moved, 3)
@@ -165,21 +169,21 @@ def exposure_gain(image: Floats, background: Floats) -> Floats:
 
 
 def motion(
-    grey: Floats, candidates: npt.NDArray[np.bool_], s: BackgroundState, dt: float, p: BackgroundParams
+    smooth: Floats, candidates: npt.NDArray[np.bool_], s: BackgroundState, dt: float, p: BackgroundParams
 ) -> Bytes:
     """Update the time without motion; returns broad motion where no background is known, `[h, w]`.
 
     A pixel moves if it changes by more than the noise, and, where no background is known, if it is a candidate.
     """
-    change = cv2.absdiff(grey, s.previous)
-    s.previous[...] = grey
+    change = np.abs(smooth - s.previous).mean(0)
+    s.previous[...] = smooth
     noise = float(np.median(change[::4, ::4])) / MEDIAN_SIZE
     unknown = s.known == 0
     moves = (change > max(MIN_MOTION, p.threshold_sigma * noise)) | (candidates & unknown)
     wide = cv2.dilate(cv2.medianBlur(moves.astype(np.uint8), 3), np.ones((3, 3), np.uint8))
     s.static_time[...] += np.float32(dt)
     s.static_time[wide > 0] = 0
-    side = 2 * round(MIN_MOTION_SIDE * len(grey) / 2) + 1
+    side = 2 * round(MIN_MOTION_SIDE * len(change) / 2) + 1
     recent = np.asarray(unknown & (s.static_time < MOTION_TRAIL_S)).astype(np.uint8)
     return np.asarray(cv2.morphologyEx(recent, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
 
@@ -189,7 +193,7 @@ def without_shadow(mask: Bytes, image: Floats, background: Floats, p: Background
     left, top, width, height = cv2.boundingRect(mask)
     if not width:
         return mask
-    edge = SHADOW_WINDOW_PX
+    edge = WINDOW_PX
     rows = slice(max(0, top - edge), top + height + edge)
     columns = slice(max(0, left - edge), left + width + edge)
     ratio = (image[:, rows, columns] + np.float32(LIGHT_OFFSET)) / (
@@ -198,9 +202,9 @@ def without_shadow(mask: Bytes, image: Floats, background: Floats, p: Background
     light = ratio.mean(0)
     tint = ratio.max(0) - ratio.min(0)
     dim = (light < 1) & (light > p.shadow_min_ratio) & (tint <= np.float32(2 * p.shadow_max_tint_ratio) * light)
-    window = (SHADOW_WINDOW_PX, SHADOW_WINDOW_PX)
+    window = (WINDOW_PX, WINDOW_PX)
     variance = cv2.blur(light * light, window) - cv2.blur(light, window) ** 2
-    even = (dim & (variance < SHADOW_VARIATION**2)).astype(np.uint8)
+    even = (dim & (variance < MAX_VARIATION**2)).astype(np.uint8)
     colorful = float(np.ptp(background[:, ::4, ::4], 0).mean()) > MIN_COLORFULNESS
     narrow = dim & (tint <= np.float32(2 * NARROW_TINT) * light) if colorful else np.zeros_like(dim)
     even = cv2.dilate(even, np.ones((2 * PENUMBRA_PX + 1, 2 * PENUMBRA_PX + 1), np.uint8))
@@ -213,14 +217,16 @@ def without_shadow(mask: Bytes, image: Floats, background: Floats, p: Background
 
 
 def blurred(image: Floats) -> Floats:
-    """Mean of the colors of `[3, h, w]`, blurred."""
-    return np.asarray(cv2.blur(image.mean(0), (3, 3)), np.float32)
+    """Each color of `[3, h, w]`, blurred."""
+    return np.stack([np.asarray(cv2.blur(plane, (3, 3)), np.float32) for plane in image])
 
 
-def is_other_scene(grey: Floats, previous: Floats) -> bool:
+def is_other_scene(smooth: Floats, previous: Floats) -> bool:
     """Whether most blocks changed, and are bright elsewhere than before; a change of light leaves them correlated."""
-    size = (max(2, grey.shape[1] // BLOCK_PX), max(2, grey.shape[0] // BLOCK_PX))
-    one, other = (np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA)) for plane in (grey, previous))
+    size = (max(2, smooth.shape[2] // BLOCK_PX), max(2, smooth.shape[1] // BLOCK_PX))
+    one, other = (
+        np.asarray(cv2.resize(planes.mean(0), size, interpolation=cv2.INTER_AREA)) for planes in (smooth, previous)
+    )
     if (np.abs(one - other) > CUT_CHANGE).mean() < CUT_BLOCKS:
         return False
     one, other = one - one.mean(), other - other.mean()

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.config import Constants, constant
-from ndtorch.foreground.background import BackgroundState, Bytes, Floats, Labels, Numbers, Segmentation, is_ghost
+from ndtorch.foreground.background import BackgroundState, Bytes, Labels, Numbers, Segmentation, is_ghost
 
 Bools = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
@@ -35,7 +35,7 @@ MAX_AREA_RATIO = 4.0
 SHARED_GAIN = 0.3
 """In a shared blob this share of the innovation is taken into the position."""
 MOVED_SIZES, MIN_TRAVEL = 0.5, 0.05
-"""A stationary object moves on by so many sizes; travel that confirms a track is at least this fraction of the height."""
+"""An object moves on by so many sizes; the travel that confirms it is at least this fraction of the height."""
 TENTATIVE_S, STARTING_S = 1.0, 1.0
 """Tentative tracks become background after this many seconds; none is confirmed within so many seconds of a scene."""
 MAX_PATH = 4096
@@ -193,7 +193,7 @@ def detect(seen: Segmentation, tracks: Tracks, expected: Numbers, p: TrackingPar
     A component goes to the confirmed tracks whose expected boxes it fills. If there are several, each pixel goes to
     the track whose expected position is nearest, in units of its width and height.
     """
-    height, width = seen.mask.shape
+    height = len(seen.mask)
     side = 2 * round(CLOSING * height / 2) + 1
     mask = cv2.morphologyEx(seen.mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)

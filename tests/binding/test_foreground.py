@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -90,16 +89,6 @@ def test_what_passes_has_a_box_and_a_silhouette_at_every_frame() -> None:
     assert signals[0].inputs[n, thing.track].max() > 0.1
 
 
-def test_the_ground_is_not_learned_under_what_is_followed() -> None:
-    """Nor a pixel beside it."""
-    _, state = run(film()[:30])
-    shape = (state.scene.tracker.labels > 0).numpy()
-    assert shape.sum() > 50
-    wide = np.pad(shape, 1)
-    wide = np.logical_or.reduce([np.roll(wide, (down, across), (0, 1)) for down in (-1, 0, 1) for across in (-1, 0, 1)])
-    assert np.array_equal(state.scene.kept.numpy() > 0, wide[1:-1, 1:-1])
-
-
 @pytest.mark.parametrize("lengths", [[1] * STEPS, [7, 30, 13]])
 def test_chunks_of_any_length_give_the_same_to_the_last_bit(lengths: list[int]) -> None:
     signals, state = run(film(), lengths)
@@ -141,23 +130,6 @@ def test_two_that_cross_keep_who_they_are() -> None:
         assert abs(thing.path[-1][1] - thing.path[0][1]) > 100
 
 
-@pytest.mark.parametrize("colors_count", [True, False])
-def test_two_that_meet_and_turn_back_are_told_by_their_colors(colors_count: bool) -> None:
-    """Each covers the other, and goes back the way it came. By their places they would have gone on."""
-    coming = squares(37, (0, 3.0, 40, (0.85, 0.2, 0.2)), (176, -3.0, 40, (0.2, 0.75, 0.2)))
-    options = {} if colors_count else {"tracking.occlusion_color_cost": 0.0, "tracking.split_color_cost": 0.0}
-    _, state = run(torch.cat([coming, coming[8:].flip(0)]), **options)
-    ends = [(thing.path[0][1] < SIZE[1] / 2, thing.path[-1][1] < SIZE[1] / 2) for thing in model().objects(state)]
-    assert ends == ([(True, True), (False, False)] if colors_count else [(True, False), (False, True)])
-
-
-def test_one_in_view_from_the_first_frame_is_one_and_leaves_none_behind() -> None:
-    _, state = run(passing(40, 3.0, first=0))
-    (thing,) = model().objects(state)
-    assert thing.box is not None
-    assert (thing.box[0], thing.box[2]) == pytest.approx((117, 141), abs=6)
-
-
 def test_what_stops_stays_an_object_and_what_does_not_travel_is_none() -> None:
     frames = squares(80, (0, 4.0, 44, (0.85, 0.2, 0.2)))
     frames[40:] = frames[40]
@@ -179,7 +151,7 @@ def crossings(count: int) -> Iterator[Tensor]:
 
 def test_lost_objects_are_taken_and_the_state_does_not_grow(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is taken and what is left are the objects of a state from which nothing was taken."""
-    monkeypatch.setattr("ndtorch.tracking.track.MAX_PATH", 12)
+    monkeypatch.setattr("ndtorch.binding.models.foreground.MAX_PATH", 40)
     module, state, left, taken, sizes = model(), None, None, list[BoundObject](), list[int]()
     with torch.inference_mode():
         for frames in crossings(6):
@@ -212,20 +184,6 @@ def test_a_state_keeps_none_of_those_before_it_alive() -> None:
     assert alive[-1] == alive[3]
 
 
-def test_a_path_that_is_closed_in_parts_is_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
-    usual = model().objects(whole()[1])
-    monkeypatch.setattr("ndtorch.tracking.track.MAX_PATH", 40)
-    _, state = run(film(), [7, 30, 13])
-    assert len(state.closed.number) == 1
-    assert same(state, run(film())[1])
-    assert model().objects(state) == usual
-
-
-def test_there_is_no_other_backend_than_kernels() -> None:
-    with pytest.raises(InputError, match="foreground has compiled kernels only"):
-        model(backend="torch")
-
-
 def test_light_and_noise_are_no_objects() -> None:
     generator = torch.Generator().manual_seed(4)
     frames = ground().repeat(60, 1, 1, 1)
@@ -242,15 +200,6 @@ def test_of_a_quick_camera_so_many_pictures_are_one(group: int) -> None:
     signals, state = run(quick, [5, 12 * group - 5], fps=group * FPS, max_fps=FPS)
     assert sum(len(part.time) for part in signals) == 12
     assert signals[-1].time[-1] == pytest.approx((12 * group - 1) / (group * FPS))
-    _, after = run(film()[:12], max_fps=FPS)
-    assert torch.equal(state.scene.tracker.labels, after.scene.tracker.labels)
+    before, after = run(film()[:12], max_fps=FPS)
+    assert torch.equal(signals[-1].labels[-1], before[-1].labels[-1])
     torch.testing.assert_close(state.scene.background.mean, after.scene.background.mean)
-
-
-@pytest.mark.parametrize("stands", [0, 6])
-def test_the_last_box_of_what_left_is_where_it_was_at_one_frame_a_second(stands: int) -> None:
-    there = passing(14, 12.0, first=5)
-    _, state = run(torch.cat([there, *[there[-1:]] * stands, *[ground()[None]] * 10]), fps=1.0)
-    (one,) = model(1.0).objects(state)
-    assert one.last_seen == 13 + stands
-    assert one.boxes[-1] == pytest.approx((96, 44, 120, 68), abs=2)
