@@ -47,7 +47,7 @@ class BoundObject:
         boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
         confidence: 0 to 1; None of models that do not say. Of features: probability that an object of these is in view;
             of tracks: their rank by `ndtorch.foreground.tracker.confidence`.
-        states: of every sighting: "tentative" (before it was known to be an object), "measured", "predicted" (in a shared
+        states: of every sighting: "tentative" (not yet known to be an object), "measured", "predicted" (in a shared
             blob) or "stationary"; empty of models without.
     """
 

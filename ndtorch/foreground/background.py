@@ -212,7 +212,7 @@ def without_shadow(mask: Bytes, image: Floats, background: Floats, p: Background
     lit = own & ~(dim & (even > 0) | narrow).astype(np.uint8) & 1
     side = 2 * round(COAT * len(mask) / 2) + 1
     found = np.zeros_like(mask)
-    found[rows, columns] = cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)) & own
+    found[rows, columns] = cv2.bitwise_and(cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)), own)
     return found
 
 
@@ -242,7 +242,8 @@ def is_ghost(region: Bytes, around: Bytes, image: Floats, background: Floats) ->
         image, background: `[3, h, w]`.
     """
     square = np.ones((3, 3), np.uint8)
-    edge = cv2.dilate(region, square) & ~cv2.erode(region, square) & ~cv2.dilate(around, square) & 1
+    edge = np.asarray(cv2.subtract(cv2.dilate(region, square), cv2.erode(region, square)))
+    edge = np.asarray(cv2.subtract(edge, cv2.dilate(around, square)))
     if not edge.any():
         return False
     strengths = []

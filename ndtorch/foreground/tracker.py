@@ -113,7 +113,7 @@ class Tracks(NamedTuple):
     def take(self, which: Any) -> Tracks:
         """Some of the tracks, with their paths."""
         columns = [column[which] for column in self[:-1]]
-        return Tracks(*columns, self.path[np.isin(self.path[:, NUMBER], columns[0])])
+        return Tracks._make([*columns, self.path[np.isin(self.path[:, NUMBER], columns[0])]])
 
     @property
     def size(self) -> Numbers:
@@ -210,7 +210,7 @@ def detect(seen: Segmentation, tracks: Tracks, expected: Numbers, p: TrackingPar
     claim = np.minimum((tracks.extent[known] * height).prod(1), areas[best]) * CLAIM
     claims = (inside[np.arange(len(known)), best] > claim) & (best > 0)
     owner, claimed = np.arange(count), np.bincount(best[claims], minlength=count)
-    for k in np.flatnonzero(claims):
+    for k in np.flatnonzero(claims).tolist():
         part = (inside[k] > INSIDE * areas) & (claimed == 0) & (FRAGMENT_AREA * areas < areas[best[k]])
         owner[part] = best[k]
     small &= owner == np.arange(count)
@@ -218,7 +218,7 @@ def detect(seen: Segmentation, tracks: Tracks, expected: Numbers, p: TrackingPar
     names = np.unique(owner)
     labels = np.searchsorted(names, owner).astype(np.int32)[labels]
     shared = np.zeros(len(names) - (names[0] == 0), bool) if len(names) else np.zeros(0, bool)
-    for r in np.flatnonzero(claimed > 1):
+    for r in np.flatnonzero(claimed > 1).tolist():
         ones = known[claims & (best == r)]
         rows, columns = np.nonzero(labels == np.searchsorted(names, r))
         at = (np.stack([columns, rows], 1) + 0.5) / height
