@@ -9,7 +9,6 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
-from ndtorch.binding.covariance import sample_step
 from ndtorch.config import Constants, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
@@ -20,47 +19,39 @@ DIRECTIONS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
 """Rows and columns towards which the motion signals left, right, down and up point."""
 
 
+# What nobody tunes: lengths in fields (spacings of the grid), times in seconds.
+TAU_LOW = 0.05  # low-pass of the signals
+CROWD = 0.05  # added to the sum of all windows, so that far ends decide nothing
+CONTRAST = 3.0  # unclaimed motion has to exceed the median over all fields this many times
+CLAIM = 1.66  # a window claims all motion within this radius
+TAU_PEAK = 10.0  # memory of the largest motion
+YOUNG, YOUNG_GAIN, YOUNG_DRIFT = 1.0, 0.6, 0.3  # until this age a window follows with at least this alpha and beta
+UPDATES = 4.0  # a residual comes about over this many updates
+REACH = 0.8  # largest residual
+AIM, AIMED = 0.3, 0.5  # age at which a window begins to prefer its own direction, and time until it does so fully
+SLOW = 0.0625  # below this ratio of the speed limit a window has no direction
+BLIND = 0.15  # a window that is not confirmed is closed after this time without motion
+SAME = 0.7  # windows nearer than this that move alike are one
+KNOWN = 0.7  # fluctuations are compared once both windows have this age
+ALIKE, ALIKE_SPEED = 0.8, 0.8  # correlation and difference of velocities (fields a second) of windows that are alike
+TAU_HIGH, TAU_LIGHT = 1.0, 1.0  # high-pass of a window's signals, memory of covariances between windows
+
+
 class ObjectFileParams(Constants):
     """Constants of `ObjectFiles`; lengths in fields (spacings of the grid), times in seconds."""
 
-    most: int = constant(8, "There are at most this many objects at a time.", gt=0, le=1000)
-    period: float = constant(0.05, "Windows are updated once in this many seconds.", gt=0)
-    tau_low: float = constant(0.05, "The signals are low-passed with this time constant in seconds.", gt=0)
-    window: float = constant(0.96, "A window's receptive field has this standard deviation in fields.", gt=0)
-    crowd: float = constant(
-        0.05, "This much is added to the sum of all windows, so that far ends decide no share.", gt=0
-    )
-    visible: float = constant(0.03, "An object is visible above this share of the recent largest motion.", gt=0)
-    birth: float = constant(0.06, "Unclaimed motion above this share of the recent largest opens a window.", gt=0)
-    contrast: float = constant(3.0, "Unclaimed motion has to exceed the median over all fields this many times.", gt=0)
-    claim: float = constant(1.66, "A window claims all motion within this radius in fields.", gt=0)
-    tau_peak: float = constant(10.0, "The largest motion is remembered with this time constant in seconds.", gt=0)
-    gain: float = constant(0.5, "The alpha-beta filter that follows an object has this alpha.", gt=0)
-    drift: float = constant(0.15, "The alpha-beta filter that follows an object has this beta.", gt=0)
-    young: float = constant(1.0, "A window follows faster until it has this age in seconds.", gt=0)
-    young_gain: float = constant(0.6, "A young window has at least this alpha.", gt=0)
-    young_drift: float = constant(0.3, "A young window has at least this beta.", gt=0)
-    updates: float = constant(4.0, "A residual comes about over this many updates.", gt=0)
-    reach: float = constant(0.8, "A residual is at most this many fields.", gt=0)
-    fastest: float = constant(8.0, "A window moves at most this many fields a second.", gt=0)
-    aim: float = constant(0.3, "A window begins to prefer motion in its own direction at this age in seconds.", gt=0)
-    aimed: float = constant(0.5, "The preference is complete after this many more seconds.", gt=0)
-    slow: float = constant(0.0625, "A window has no direction below this share of the speed limit.", gt=0)
-    confirm: float = constant(0.8, "A window counts as an object from this age in seconds on.", gt=0)
-    blind: float = constant(0.15, "A younger window is closed after this many seconds without motion.", gt=0)
-    lost: float = constant(2.0, "Any window is closed after this many seconds without motion.", gt=0)
-    same: float = constant(0.7, "Windows nearer than this many fields that move alike are one.", gt=0)
-    near: float = constant(2.6, "Windows nearer than this many fields that fluctuate alike are one.", gt=0)
-    known: float = constant(0.7, "Fluctuations are compared once both windows have this age in seconds.", gt=0)
-    alike: float = constant(0.8, "Fluctuations are alike above this correlation.", gt=0)
-    alike_speed: float = constant(
-        0.8, "Velocities are alike if they differ by less than this many fields a second.", gt=0
-    )
-    tau_high: float = constant(1.0, "A window's signals are high-passed with this time constant in seconds.", gt=0)
-    tau_bind: float = constant(3.0, "A window's covariances are remembered with this time constant in seconds.", gt=0)
-    tau_light: float = constant(
-        1.0, "Covariances between windows are remembered with this time constant in seconds.", gt=0
-    )
+    most: int = constant(8, "Largest number of objects at a time.", gt=0, le=1000)
+    period: float = constant(0.05, "Time between updates of the windows, seconds.", gt=0)
+    window: float = constant(0.96, "Standard deviation of a window, fields.", gt=0)
+    visible: float = constant(0.03, "Motion of a visible object over the largest lately.", gt=0)
+    birth: float = constant(0.06, "Unclaimed motion over the largest lately that opens a window.", gt=0)
+    gain: float = constant(0.5, "Alpha of the filter that follows an object.", gt=0)
+    drift: float = constant(0.15, "Beta of the filter that follows an object.", gt=0)
+    fastest: float = constant(8.0, "Largest speed of a window, fields a second.", gt=0)
+    confirm: float = constant(0.8, "Age from which a window counts as an object, seconds.", gt=0)
+    lost: float = constant(2.0, "Time without motion after which a window is closed, seconds.", gt=0)
+    near: float = constant(2.6, "Distance below which windows that fluctuate alike are one, fields.", gt=0)
+    tau_bind: float = constant(3.0, "Memory of a window's covariances, seconds.", gt=0)
 
 
 class ObjectFileState(NamedTuple):
@@ -102,7 +93,7 @@ class ObjectFiles(nn.Module):
     drawn to the motion in the object's own direction, which windows share where their windows overlap. What the
     window sees is the object alone most of the time, and its fluctuations are the object's own.
 
-    What each of these is, is read from its covariances (`ndtorch.binding.readout.covariances`). Two windows side by
+    What each of these is, is read from its covariances (`ndtorch.binding.models.retinotopic`). Two windows side by
     side that fluctuate together are one object.
 
     Args:
@@ -173,7 +164,7 @@ class ObjectFiles(nn.Module):
             )
         check_batch(state, signals.shape[:-4], "low", "place")
         state = self.start(signals[..., 0, :, :, :]) if state is None else state
-        a = self.dt / (self.params.tau_low + self.dt)
+        a = self.dt / (TAU_LOW + self.dt)
         counts, low = [], state.low
         step: int | Tensor = state.steps if torch.compiler.is_compiling() else int(state.steps)
         number = self.confirmed(state).sum(-1)
@@ -203,16 +194,6 @@ class ObjectFiles(nn.Module):
         """Windows that hold an object, `[..., K]` bool."""
         return state.open & (state.age >= self.params.confirm)
 
-    def before_light(self, state: ObjectFileState) -> Tensor:
-        """ObjectFiles before a ground that is as bright as half of what they see, `[..., K]` bool.
-
-        What gets darker than such a ground is visible again; before a dark one nothing can be.
-        """
-        color = GROUPS["color"]
-        ground = state.low[..., color].sum(-1).flatten(-2).median(-1).values
-        light: Tensor = ground.unsqueeze(-1) > 0.5 * state.mean[..., color].sum(-1)
-        return light
-
     def places(self, state: ObjectFileState) -> tuple[Tensor, Tensor]:
         """Column and row in pixels, and velocity in pixels a second to the right and down, `[..., K, 2]` each."""
         place = (state.place + 0.5) * self.spacing
@@ -229,23 +210,23 @@ def object_file_step(low: Tensor, state: ObjectFileState, windows: ObjectFiles) 
     motion = signals[..., GROUPS["motion"]].clamp_min(0)
     # The detectors multiply brightness with brightness; the root is proportional to it again.
     energy = safe_sqrt(motion.sum(-1))  # [..., F]
-    peak = torch.maximum(state.peak * (1 - dt / p.tau_peak), energy.amax(-1))
+    peak = torch.maximum(state.peak * (1 - dt / TAU_PEAK), energy.amax(-1))
     median = energy.median(-1).values  # objects fill few fields: what most show is noise
 
     # Follow: predict, then move towards the motion in the window's own direction.
     place = predicted(state.place, state.velocity, dt)
     away = windows.offset(windows.centers - place.unsqueeze(-2))  # [..., K, F, 2]
     window = torch.exp(-away.square().sum(-1) / (2 * p.window**2)) * state.open.unsqueeze(-1)
-    shared = window * window / (window.sum(-2, keepdim=True) + p.crowd)
+    shared = window * window / (window.sum(-2, keepdim=True) + CROWD)
     own = safe_sqrt(own_direction(state, windows) @ motion.mT)  # [..., K, F]
     weight = shared * own
     seen = state.open & ((window * own).amax(-1) > torch.maximum(p.visible * peak, median).unsqueeze(-1))
     towards = (weight.unsqueeze(-1) * away).sum(-2) / weight.sum(-1, keepdim=True).clamp_min(tiny)
-    towards = towards.clamp(-p.reach, p.reach) * seen.unsqueeze(-1)
-    young = (state.age < p.young).unsqueeze(-1)
-    alpha = torch.where(young, max(p.gain, p.young_gain), p.gain)
-    beta = torch.where(young, max(p.drift, p.young_drift), p.drift)
-    place, velocity = corrected(place, state.velocity, towards, alpha, beta, p.updates * dt)
+    towards = towards.clamp(-REACH, REACH) * seen.unsqueeze(-1)
+    young = (state.age < YOUNG).unsqueeze(-1)
+    alpha = torch.where(young, max(p.gain, YOUNG_GAIN), p.gain)
+    beta = torch.where(young, max(p.drift, YOUNG_DRIFT), p.drift)
+    place, velocity = corrected(place, state.velocity, towards, alpha, beta, UPDATES * dt)
     speed = velocity.norm(dim=-1, keepdim=True)
     velocity = velocity * (p.fastest / speed.clamp_min(p.fastest))
     age = state.age + dt * state.open
@@ -255,11 +236,11 @@ def object_file_step(low: Tensor, state: ObjectFileState, windows: ObjectFiles) 
     first = (state.age < dt / 2).unsqueeze(-1)
     total = window.sum(-1, keepdim=True).clamp_min(tiny)
     inside = (window @ signals) / total
-    a_high, take = dt / (p.tau_high + dt), seen[..., None, None] * (dt / p.tau_bind)
+    a_high, take = dt / (TAU_HIGH + dt), seen[..., None, None] * (dt / p.tau_bind)
     mean, covariance = sample_step(inside, state.mean, state.covariance, first, a_high, take)
     light = weight.sum(-1) / shared.sum(-1).clamp_min(tiny)
     pairs = torch.where(first | first.mT, 0.0, state.light)
-    light_mean, pairs = sample_step(light, state.light_mean, pairs, first.squeeze(-1), a_high, dt / p.tau_light)
+    light_mean, pairs = sample_step(light, state.light_mean, pairs, first.squeeze(-1), a_high, dt / TAU_LIGHT)
 
     now = state._replace(
         peak=peak,
@@ -281,7 +262,7 @@ def own_direction(state: ObjectFileState, windows: ObjectFiles) -> Tensor:
     p = windows.params
     speed = state.velocity.norm(dim=-1, keepdim=True)
     along = (state.velocity / speed.clamp_min(1e-6)) @ windows.directions.to(speed.dtype).mT
-    sure = ((state.age.unsqueeze(-1) - p.aim) / p.aimed).clamp(0, 1) * (speed > p.slow * p.fastest)
+    sure = ((state.age.unsqueeze(-1) - AIM) / AIMED).clamp(0, 1) * (speed > SLOW * p.fastest)
     counts: Tensor = sure * along.clamp_min(0).square() + (1 - sure)
     return counts
 
@@ -293,7 +274,7 @@ def closed(state: ObjectFileState, windows: ObjectFiles) -> tuple[Tensor, Tensor
     claims both.
     """
     p = windows.params
-    lost = (state.unseen > p.lost) | ((state.age < p.confirm) & (state.unseen > p.blind))
+    lost = (state.unseen > p.lost) | ((state.age < p.confirm) & (state.unseen > BLIND))
     away = windows.offset(state.place.unsqueeze(-2) - state.place.unsqueeze(-3))
     apart = away.norm(dim=-1)
     drift = (state.velocity.unsqueeze(-2) - state.velocity.unsqueeze(-3)).norm(dim=-1)
@@ -303,10 +284,10 @@ def closed(state: ObjectFileState, windows: ObjectFiles) -> tuple[Tensor, Tensor
     number = torch.arange(p.most, device=apart.device)
     older = older | ((state.age.unsqueeze(-2) == state.age.unsqueeze(-1)) & (number < number.unsqueeze(-1)))
     both = state.open.unsqueeze(-2) & state.open.unsqueeze(-1)
-    known = torch.minimum(state.age.unsqueeze(-2), state.age.unsqueeze(-1)) > p.known
-    pairs = both & older & (drift < p.alike_speed)
-    ends = pairs & (apart >= p.same) & (apart < p.near) & (correlation > p.alike) & known
-    closing = lost | (pairs & (apart < p.same) | ends).any(-1)
+    known = torch.minimum(state.age.unsqueeze(-2), state.age.unsqueeze(-1)) > KNOWN
+    pairs = both & older & (drift < ALIKE_SPEED)
+    ends = pairs & (apart >= SAME) & (apart < p.near) & (correlation > ALIKE) & known
+    closing = lost | (pairs & (apart < SAME) | ends).any(-1)
     count = ends.sum(-2).unsqueeze(-1) + 1
     return closing, state.place + torch.where(ends.unsqueeze(-1), away, 0.0).sum(-3) / count
 
@@ -315,12 +296,12 @@ def opened(state: ObjectFileState, energy: Tensor, median: Tensor, windows: Obje
     """Open one window where the largest motion is that no window claims; `energy` `[..., F]`, its `median` `[...]`."""
     p = windows.params
     away = windows.offset(windows.centers - state.place.unsqueeze(-2)).norm(dim=-1)
-    claimed = ((away < p.claim) & state.open.unsqueeze(-1)).any(-2)
+    claimed = ((away < CLAIM) & state.open.unsqueeze(-1)).any(-2)
     grid = energy.reshape(*energy.shape[:-1], *windows.grid)
     summit = local_maximum(grid, windows.border).flatten(-2)
     free = torch.where(claimed | ~summit, 0.0, energy)
     height, where = free.max(-1)
-    wanted = (height > p.birth * state.peak) & (height > p.contrast * median)
+    wanted = (height > p.birth * state.peak) & (height > CONTRAST * median)
     wanted = wanted & ~state.open.all(-1) & (height > 0)
     slot = (~state.open).to(torch.uint8).argmax(-1)
     number = torch.arange(p.most, device=slot.device)
@@ -341,3 +322,14 @@ def local_maximum(energy: Tensor, border: Border) -> Tensor:
     flat = energy.reshape(-1, 1, *energy.shape[-2:])
     padded = F.pad(flat, (1, 1, 1, 1), mode="circular" if border == "wrap" else "replicate")
     return (F.max_pool2d(padded, 3, 1) == flat).reshape(energy.shape)
+
+
+def sample_step(
+    sample: Tensor, mean: Tensor, covariance: Tensor, fresh: Tensor, a_high: float, share: float | Tensor
+) -> tuple[Tensor, Tensor]:
+    """Mean `[..., N]` and covariance `[..., N, N]` after one more sample, of which they take in the shares `a_high` and
+    `share`; where `fresh`, the mean begins at the sample.
+    """
+    mean = torch.where(fresh, sample, torch.lerp(mean, sample, a_high))
+    high = sample - mean
+    return mean, covariance + share * (high.unsqueeze(-1) * high.unsqueeze(-2) - covariance)

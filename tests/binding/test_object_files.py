@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from ndtorch.binding import ObjectFiles
+from ndtorch.binding.models.retinotopic import owner_column
 from ndtorch.binding.object_files import ObjectFileState
-from ndtorch.binding.readout.covariances import single_table
+from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.vision import FEATURES
 
 GRID = (16, 16)
@@ -54,7 +55,7 @@ def windows() -> ObjectFiles:
 
 def features_of(module: ObjectFiles, state: ObjectFileState) -> list[set[str]]:
     there = module.confirmed(state)
-    rows = single_table(state.covariance, there, torch.zeros(10, 10)).rows.sum(-2)[there]
+    rows = features_by_group(owner_column(state.covariance, torch.zeros(10, 10))[1])[there]
     return [{name for name, value in zip(FEATURES, row.tolist(), strict=True) if value > 0} for row in rows]
 
 

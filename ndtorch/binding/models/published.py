@@ -23,36 +23,38 @@ from ndtorch.errors import InputError
 class PublishedNetwork(Constants):
     """The four networks; the three of the first stage do not learn."""
 
-    dt: float = constant(0.01, "time step, and delay of the feedback", gt=0)
-    rule: str = constant("competitive", "competitive, cooperative, hebbian, or a name of your own in RULES")
-    f: str = constant("cube", "expansive function of the rule")
-    g: str = constant("tanh-pi", "compressive function of the rule")
-    gamma: float = constant(0.5, "learning rate of the second stage, 1/s", ge=0)
-    tau_in: float = constant(1.0, "high-pass on the second stage's inputs", ge=0)
-    tau_out: float = constant(0.5, "high-pass on the outputs in the learning rule", ge=0)
-    settle: float = constant(4.0, "time before the second stage learns", ge=0)
-    tau_onset: float = constant(2.0, "soft start of learning", ge=0)
-    radius_limit: float = constant(0.95, "limit on the second stage's spectral radius", gt=0, lt=1)
+    dt: float = constant(0.01, "Time step and delay of the feedback, seconds.", gt=0)
+    rule: str = constant(
+        "competitive", "Learning rule: competitive, cooperative, hebbian, or a name of your own in RULES."
+    )
+    f: str = constant("cube", "Expansive function of the rule.")
+    g: str = constant("tanh-pi", "Compressive function of the rule.")
+    gamma: float = constant(0.5, "Learning rate of the second stage, 1/s.", ge=0)
+    tau_in: float = constant(1.0, "High-pass on the inputs of the second stage, seconds.", ge=0)
+    tau_out: float = constant(0.5, "High-pass on the outputs in the learning rule, seconds.", ge=0)
+    settle: float = constant(4.0, "Time before the second stage learns, seconds.", ge=0)
+    tau_onset: float = constant(2.0, "Soft start of learning, seconds.", ge=0)
+    radius_limit: float = constant(0.95, "Limit on the spectral radius of the second stage.", gt=0, lt=1)
 
 
 class WeightReadout(Constants):
     """Objects from weights [C §4.1], and what they are worth."""
 
-    smallest_weight: float = constant(1 / 3, "share of the largest weight that counts", ge=0)
-    smallest_column: float = constant(0.6, "sum of those that makes an owner", ge=0)
-    learned_weight: float = constant(0.6, "smallest largest weight of a network that has learned", ge=0)
-    stable_window: float = constant(1.0, "tau_s of the stability criterion", gt=0)
-    stable_mean: float = constant(2.0, "time constant of the mean weights it looks at", ge=0)
-    stable_change: float = constant(0.5, "S_thr of the stability criterion, weight per window", gt=0)
-    tau_alternation: float = constant(0.5, "memory of the outputs' power and of its alternating share", gt=0)
+    smallest_weight: float = constant(1 / 3, "Ratio to the largest weight from which on a weight counts.", ge=0)
+    smallest_column: float = constant(0.6, "Sum of such weights of a neuron that makes it an owner.", ge=0)
+    learned_weight: float = constant(0.6, "Largest weight from which on a network has learned.", ge=0)
+    stable_window: float = constant(1.0, "Window tau_s of the stability criterion, seconds.", gt=0)
+    stable_mean: float = constant(2.0, "Time constant of the mean weights of the stability criterion, seconds.", ge=0)
+    stable_change: float = constant(0.5, "Threshold S_thr of the stability criterion, weight per window.", gt=0)
+    tau_alternation: float = constant(0.5, "Memory of the outputs' power and of its alternating part, seconds.", gt=0)
     # Smooth signals have 0.001, white noise 0.5, a locked network 0.96 and more.
-    alternating: float = constant(0.25, "share of alternating power that the delay makes, not the scene", gt=0)
+    alternating: float = constant(0.25, "Ratio of alternating power that only the delay makes.", gt=0)
 
 
 class PublishedConfig(WholeFieldConfig):
     """Constants of the model; the defaults are the published ones. [B §2; C §2, §4]"""
 
-    model: Literal["published"] = constant("published", "kind of the model")
+    model: Literal["published"] = constant("published", "Kind of the model.")
     network: PublishedNetwork = Field(default_factory=PublishedNetwork)
     readout: WeightReadout = Field(default_factory=WeightReadout)
 

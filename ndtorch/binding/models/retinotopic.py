@@ -12,44 +12,47 @@ from ndtorch.arguments import check_state
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.learning import settled
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
+from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFiles, ObjectFileState
 from ndtorch.binding.objects import BoundObject
-from ndtorch.binding.readout.covariances import single_table, single_weights
+from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.config import Constants, Deviations, ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures
 from ndtorch.vision.frames import frames_in
 from ndtorch.vision.motion import Border, MotionState
 from ndtorch.vision.receptive_fields import LocalFeatures
+from ndtorch.vision.temporal import safe_sqrt
 
 
 class LocalFields(Constants):
     """Overlapping fields on a coarse grid."""
 
-    along: int = constant(16, "fields along the shorter side of the frame", ge=3)
-    tau_motion_high: float = constant(0.5, "high-pass of the motion detectors", ge=0)
-    tau_motion_low: float = constant(0.05, "delay filter of the motion detectors", ge=0)
-    center: Deviations = constant((19.0, 6.0), "deviations of the orientation filters, pixels,")
-    surround: Deviations = constant((22.0, 9.0), "along and across: center less surround")
-    exact: bool = constant(False, "orientation sums at full resolution: slower, differs by < 0.5 %")
+    along: int = constant(16, "Fields along the shorter side of the frame.", ge=3)
+    tau_motion_high: float = constant(0.5, "High-pass of the motion detectors, seconds.", ge=0)
+    tau_motion_low: float = constant(0.05, "Delay filter of the motion detectors, seconds.", ge=0)
+    center: Deviations = constant(
+        (19.0, 6.0), "Deviations of the center of the orientation filters along and across, pixels."
+    )
+    surround: Deviations = constant(
+        (22.0, 9.0), "Deviations of the surround of the orientation filters along and across, pixels."
+    )
+    exact: bool = constant(False, "Orientation sums at full resolution: slower, differs by < 0.5 %.")
 
 
 class SingleReadout(Constants):
     """What each window holds, from the covariances of what it sees."""
 
-    smallest: float = constant(1 / 3, "share of its group's largest that makes a feature", ge=0)
-    agrees: float = constant(
-        0.5, "before a light ground a group that goes along less with the owner is read alone", ge=-1, le=1
-    )
+    smallest: float = constant(1 / 3, "Ratio to the largest of its group from which on a feature is one.", ge=0)
 
 
 class RetinotopicConfig(ModelConfig):
     """Constants of the model."""
 
-    model: Literal["retinotopic"] = constant("retinotopic", "kind of the model")
-    size: Size = constant((500, 500), "height and width of the frames, pixels")
-    fps: float = constant(100.0, "frames a second", gt=0, le=100_000)
-    border: Border = constant("wrap", "wrap for the toroidal scenes, reflect for video")
+    model: Literal["retinotopic"] = constant("retinotopic", "Kind of the model.")
+    size: Size = constant((500, 500), "Height and width of the frames, pixels.")
+    fps: float = constant(100.0, "Frames a second.", gt=0, le=100_000)
+    border: Border = constant("wrap", "Border: wrap for toroidal scenes, reflect for video.")
     fields: LocalFields = Field(default_factory=LocalFields)
     readout: SingleReadout = Field(default_factory=SingleReadout)
     tracking: ObjectFileParams = Field(default_factory=ObjectFileParams)
@@ -149,11 +152,9 @@ class RetinotopicModel(BindingModel):
         """The objects in view, those followed longest first; `track` is the number of the window."""
         w = state.windows
         there = self.windows.confirmed(w)
-        r = self.config.readout
-        apart = self.windows.before_light(w)
-        table = single_table(w.covariance, there, self.first_weights, r.smallest, apart, r.agrees)
-        place, velocity = self.windows.places(w)
-        parts = (there, table.rows.sum(-2), table.owners.int().argmax(-1), place, velocity, w.age, w.unseen)
+        owner, column = owner_column(w.covariance, self.first_weights)
+        features = features_by_group(column, self.config.readout.smallest)
+        parts = (there, features, owner, *self.windows.places(w), w.age, w.unseen)
         batch = w.age.shape[:-1]
         flat = [part.reshape(-1, *part.shape[len(batch) :]) for part in parts]
         now = (int(w.steps) - 1) * self.dt
@@ -171,7 +172,29 @@ class RetinotopicModel(BindingModel):
     def weights(self, state: RetinotopicState) -> Tensor:
         """Of every window, `[..., K, 10, 10]`: the column of its owner, relative to the owner; zero elsewhere."""
         w = state.windows
-        return single_weights(w.covariance, self.windows.confirmed(w), self.first_weights)
+        owner, column = owner_column(w.covariance, self.first_weights)
+        at_owner = torch.nn.functional.one_hot(owner, 10).to(column.dtype)
+        ratio = divide(column, column.gather(-1, owner.unsqueeze(-1)).expand_as(column))
+        there = self.windows.confirmed(w)[..., None, None]
+        return torch.where(there, (ratio * (1 - at_owner)).unsqueeze(-1) * at_owner.unsqueeze(-2), 0.0)
+
+
+def owner_column(covariances: Tensor, first_stage: Tensor) -> tuple[Tensor, Tensor]:
+    """The strongest neuron of single objects `[...]`, int64, and what fluctuates with it `[..., 10]`.
+
+    Where one object dominates what is seen, it is known what the competitive rule converges to: the strongest neuron k
+    owns it, and its column of weights is `<h_n h_k>`, h being the high-passed signals through the settled first stage,
+    each group over its largest. So nothing has to be learned over again for every object that comes into view.
+
+    Args:
+        covariances: of high-passed signals, `[..., 10, 10]`.
+        first_stage: weights `[10, 10]`.
+    """
+    scale = spread_groups(group_max(safe_sqrt(covariances.diagonal(dim1=-2, dim2=-1))))
+    gain = settled(first_stage).to(covariances.dtype)
+    shared = gain @ divide(covariances, scale.unsqueeze(-1) * scale.unsqueeze(-2)) @ gain.mT
+    owner = shared.diagonal(dim1=-2, dim2=-1).argmax(-1)
+    return owner, shared.gather(-1, owner[..., None, None].expand(*shared.shape[:-1], 1)).squeeze(-1)
 
 
 def located(*trial: Any) -> list[BoundObject]:

@@ -25,29 +25,35 @@ from ndtorch.vision.temporal import Resample, ResampleState
 class WholeField(Constants):
     """One receptive field, as wide as the frame."""
 
-    tau_motion_high: float = constant(0.5, "high-pass of the motion detectors", ge=0)
-    tau_motion_low: float = constant(0.05, "delay filter of the motion detectors", ge=0)
-    center: Deviations = constant((19.0, 6.0), "deviations of the orientation filters, pixels,")
-    surround: Deviations = constant((22.0, 9.0), "along and across: center less surround")
-    exact: bool = constant(False, "orientation sums at full resolution: slower, differs by < 0.5 %")
+    tau_motion_high: float = constant(0.5, "High-pass of the motion detectors, seconds.", ge=0)
+    tau_motion_low: float = constant(0.05, "Delay filter of the motion detectors, seconds.", ge=0)
+    center: Deviations = constant(
+        (19.0, 6.0), "Deviations of the center of the orientation filters along and across, pixels."
+    )
+    surround: Deviations = constant(
+        (22.0, 9.0), "Deviations of the surround of the orientation filters along and across, pixels."
+    )
+    exact: bool = constant(False, "Orientation sums at full resolution: slower, differs by < 0.5 %.")
 
 
 class Normalise(Constants):
     """From sums to inputs of the networks. [B §2.1.4]"""
 
-    order: Order = constant("filter-first", "high-pass before group normalisation, or after it (printed)")
-    tau_sums: float = constant(1.0, "high-pass on the sums", ge=0)
-    window: float = constant(2.0, "memory of the group normalisation", gt=0)
-    floor: float = constant(0.01, "share of a group's level that counts as full fluctuation", ge=0)
+    order: Order = constant(
+        "filter-first", "High-pass before group normalisation (filter-first) or after it (printed)."
+    )
+    tau_sums: float = constant(1.0, "High-pass on the sums, seconds.", ge=0)
+    window: float = constant(2.0, "Memory of the group normalisation, seconds.", gt=0)
+    floor: float = constant(0.01, "Ratio of a group's level that counts as full fluctuation.", ge=0)
 
 
 class WholeFieldConfig(ModelConfig):
     """What both configs say first."""
 
-    size: Size = constant((500, 500), "height and width of the frames, pixels")
-    fps: float = constant(100.0, "frames a second", gt=0, le=100_000)
-    border: Border = constant("wrap", "wrap for the toroidal scenes, reflect for video")
-    fields: WholeField = Field(default_factory=WholeField, description="one, as wide as the frame")
+    size: Size = constant((500, 500), "Height and width of the frames, pixels.")
+    fps: float = constant(100.0, "Frames a second.", gt=0, le=100_000)
+    border: Border = constant("wrap", "Border: wrap for toroidal scenes, reflect for video.")
+    fields: WholeField = Field(default_factory=WholeField, description="One field, as wide as the frame.")
     normalise: Normalise = Field(default_factory=Normalise)
 
 
