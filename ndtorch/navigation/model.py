@@ -27,7 +27,7 @@ from ndtorch.navigation.stereo.features import FeatureParams, MatchParams
 from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
 from ndtorch.navigation.stereo.rig import AngleModel, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
-from ndtorch.navigation.stereo.strips import Strips, as_frames, grey_pair, row_rect, strips
+from ndtorch.navigation.stereo.strips import Strips, as_frames, grey_pair, row_rect
 
 STATIONARY = 0.05
 """A slower car is stationary, m/s."""
@@ -154,30 +154,26 @@ class Navigator(nn.Module):
         after this one. Arguments, command and state are those of a call of the module.
         """
         check_kind("state", state, NavigatorState)
-        eyes = strips(left), strips(right)
-        shape = frames_shape(*eyes)
-        if self.backend == "torch":
-            parts = [[Strips(*(part.narrow(-4, t, 1) for part in eye)) for eye in eyes] for t in range(shape[-1])]
-        elif len(shape) > 1:
-            return self.car_by_car(eyes, state, driven, start, shape)
-        else:
-            whole = all(eye.row is eye.field for eye in eyes)
-            fields = [[eye.field[t] for eye in eyes] for t in range(shape[-1])]
-            rows = fields if whole else [[eye.row[t] for eye in eyes] for t in range(shape[-1])]
-            parts = [list(map(Strips, *both)) for both in zip(fields, rows, strict=True)]
-            start = None if start is None else Pose(*map(float, start))
-        moved: list[Command | None] = [None] * shape[-1]
-        if driven is not None:
-            of_steps = (part.unbind(-1) if self.backend == "torch" else part.tolist() for part in driven)
-            moved = list(map(Command, *of_steps))
+        # Whole frames stand for both of their strips: each step cuts its own.
+        left = left if isinstance(left, Strips) else Strips(left, left)
+        right = right if isinstance(right, Strips) else Strips(right, right)
+        shape, tensors = frames_shape(left, right), self.backend == "torch"
+        if not tensors and len(shape) > 1:
+            return self.car_by_car((left, right), state, driven, start, shape)
+        start = start if start is None or tensors else Pose(*map(float, start))
         commands = []
         # Frame by frame, because what is done at one frame is what was driven on the path to the next.
-        for t, (one, other) in enumerate(parts):
-            command, complete = self.step(one, other, state, moved[t], start)
+        for t in range(shape[-1]):
+            one, other = frame_of(left, t, tensors), frame_of(right, t, tensors)
+            moved = driven
+            if driven is not None:
+                speed, curvature = driven.speed[..., t], driven.curvature[..., t]
+                moved = Command(speed, curvature) if tensors else Command(float(speed), float(curvature))
+            command, complete = self.step(one, other, state, moved, start)
             commands.append(command)
             if t + 1 < shape[-1]:
                 state = complete()
-        if self.backend == "torch":
+        if tensors:
             speed, curvature = (torch.stack(part, -1) for part in zip(*commands, strict=True))
         else:
             speed, curvature = torch.from_numpy(np.array(commands, np.float32).T)
@@ -363,13 +359,19 @@ def frames_shape(left: Strips, right: Strips) -> tuple[int, ...]:
     Raises:
         InputError: strips of different frames, or none.
     """
-    parts = (*left, *right)
-    if not all(isinstance(part, Tensor) for part in parts):
-        raise InputError(f"frames must be tensors, got {', '.join(type(part).__name__ for part in parts)}")
-    shape = left.field.shape
-    if len(shape) < 4 or not shape[-4]:
-        raise InputError(f"expected frames [..., T, C, H, W] with T >= 1, got {tuple(shape)}")
-    for part in parts:
-        if part.shape[:-3] != shape[:-3]:
-            raise InputError(f"all strips must be of the same frames, got {tuple(shape)} and {tuple(part.shape)}")
-    return shape[:-3]
+    shape = getattr(left.field, "shape", ())
+    for part in (*left, *right):
+        if not isinstance(part, Tensor) or part.ndim < 4 or not part.shape[-4] or part.shape[:-3] != shape[:-3]:
+            raise InputError(
+                f"expected tensors [..., T, C, H, W] of the same frames with T >= 1, got {type(part).__name__} "
+                f"{tuple(getattr(part, 'shape', ()))} beside {tuple(shape)}"
+            )
+    return tuple(shape[:-3])
+
+
+def frame_of(eye: Strips, t: int, tensors: bool) -> Strips:
+    """One of the frames of a camera: `[C, H, W]`, or `[..., 1, C, H, W]` for steps of tensors."""
+    field = eye.field.narrow(-4, t, 1) if tensors else eye.field[t]
+    if eye.row is eye.field:
+        return Strips(field, field)
+    return Strips(field, eye.row.narrow(-4, t, 1) if tensors else eye.row[t])

@@ -27,14 +27,12 @@ from ndtorch.navigation import (
 from ndtorch.navigation.body import SPOT_RADIUS
 from ndtorch.navigation.controllers import controller_names
 from ndtorch.navigation.controllers.ranging import RangingControl
-from ndtorch.navigation.odometry import to_world
 from ndtorch.navigation.options import OPTION_NAMES, options_of
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import Simulation
-from tests.navigation.planar_world import to_body
 
 RIG = StereoRig(forward=0.15)
 
@@ -112,17 +110,6 @@ def test_a_differential_drive_turns_on_the_spot_where_others_back() -> None:
     assert speeds[1] == (pytest.approx(0.8 * SPOT_RADIUS), pytest.approx(1 / SPOT_RADIUS))
 
 
-@pytest.mark.parametrize(("evidence", "turns"), [(-2.0, True), (0.0, False), (2.0, False)])
-def test_a_turn_on_the_spot_needs_a_circle_that_was_seen_free(evidence: float, turns: bool) -> None:
-    """One cell of the circle behind the body is enough to prevent it."""
-    control = RangingControl(RIG, 1 / 30, RangingParams(body=Body(min_turn_radius_m=0.0)))
-    state = control.start(None, Pose(0.0, 0.0, 0.0))
-    state.grid.evidence[:] = -2.0
-    state.grid.evidence[np.floor(-0.30 / 0.08).astype(int), 0] = evidence
-    turn = control.turn_on_spot(state, Pose(0.0, 0.0, 0.0), 1.0, seen=True)
-    assert (turn is not None) == turns
-
-
 def test_a_small_robot_and_one_whose_cameras_see_too_little_floor() -> None:
     robot = Body(0.12, 0.1, 0.0)
     rig = StereoRig(0.06, 215.0, 320, 240, camera_height=0.06)
@@ -152,16 +139,6 @@ def test_coarse_steps_are_exact():
     _, fine = DeadReckoning(0.5 / 100)(speed.repeat_interleave(100), turn.repeat_interleave(100))
     for a, b in zip(coarse, fine, strict=True):
         assert float(a) == pytest.approx(float(b), abs=1e-9)
-
-
-def test_frames_are_inverse_and_turn_the_right_way():
-    pose = Pose(*torch.tensor([1.0, 2.0, 0.7], dtype=torch.float64))
-    x, y = torch.randn(2, 9, dtype=torch.float64)
-    back = to_body(pose, *to_world(pose, x, y))
-    torch.testing.assert_close(back[0], x)
-    torch.testing.assert_close(back[1], y)
-    left = to_world(Pose(*torch.tensor([0.0, 0.0, math.pi / 2])), torch.tensor(1.0), torch.tensor(0.0))
-    assert [float(v) for v in left] == pytest.approx([0.0, 1.0], abs=1e-6)
 
 
 STANDARD = StereoRig()

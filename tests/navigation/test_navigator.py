@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-import ndtorch.navigation as navigation
 from ndtorch.navigation import (
     AlphaBetaTracker,
     AvoidanceParams,
@@ -14,7 +13,6 @@ from ndtorch.navigation import (
     GridMap,
     Navigator,
     ObservationList,
-    StereoRanging,
     StereoRig,
     Strips,
     cut_strips,
@@ -71,17 +69,6 @@ def test_subfield_motion_against_its_definition():
     assert sides[0].tolist() == [0.0, 0.0]
     assert (sides[1:] > 0).all()
     assert sides.max() < 20 * 0.1305  # the raw output cannot exceed 0.13
-
-
-def test_row_ranging_finds_the_shift():
-    """Everything is 90 pixels of disparity away: 0.3 * 215 / 90 m ahead."""
-    matching = navigation.MatchParams(min_disparity_px=30, max_disparity_px=100)
-    ranges, _ = StereoRanging(RIG, DT, matching=matching)(*frames(2, steps=20))
-    assert int(ranges.valid.sum()) > 10
-    wanted = 0.3 * 215 / 90
-    depth = ranges.x[ranges.valid]
-    assert float((abs(depth - wanted) < 1e-4).float().mean()) > 0.7
-    assert not ranges.valid[0].any()  # nothing has moved yet
 
 
 @pytest.mark.parametrize(
@@ -144,22 +131,6 @@ def test_compiles():
     compiled = torch.compile(navigator, backend="eager", fullgraph=True)
     for a, b in zip(leaves(compiled(left, right)), leaves(navigator(left, right)), strict=True):
         torch.testing.assert_close(a, b)
-
-
-@pytest.mark.parametrize("controller", ["published", "ranging"])
-def test_filters_that_begin_anew_see_no_motion_in_their_first_frame(controller):
-    """After a fault: all else goes on."""
-    left, right = ((255 * eye).to(torch.uint8) for eye in frames(3, 1, steps=10))
-    navigator = Navigator(RIG, DT, controller=controller, features=FeatureParams())
-    moved = Command(torch.full((8,), 0.2), torch.full((8,), 0.1))
-    _, state = navigator(left[0, :8], right[0, :8], None, moved)
-    now = Command(torch.tensor([0.2]), torch.tensor([0.1]))
-    _, usual = navigator(left[0, 8:9], right[0, 8:9], state, now)
-    _, anew = navigator(left[0, 8:9], right[0, 8:9], state._replace(fields=None, rows=None), now)
-    assert (anew.sides == 0).all()
-    assert not anew.ranges.valid.any()
-    assert (usual.sides > 0).all()
-    assert anew.pose == usual.pose
 
 
 def test_a_car_that_begins_stands_until_it_has_checked_what_is_near(monkeypatch):

@@ -113,18 +113,3 @@ def test_what_would_hide_the_floor_that_is_seen_is_not_there(depth, y):
 
 def ranged(depth, y, count=1):
     return Obstacles(np.full(count, RIG.forward + depth, np.float32), y + 0.2 * np.arange(count, dtype=np.float32))
-
-
-@pytest.mark.parametrize(
-    ("wall", "ranges", "count"),
-    [
-        (3.0, ranged(0.7, 0.0), 1),
-        (3.0, ranged(0.45, -0.1), 1),
-        (3.0, ranged(0.7, -0.1, 2), 0),  # two agree
-        (3.0, ranged(2.0, 0.0), 0),
-        (0.9, ranged(0.7, 0.0), 0),  # no floor is seen
-    ],
-)
-def test_one_near_range_behind_which_floor_is_seen_is_a_mismatch(wall, ranges, count):
-    left, right = (eye[0] for eye in pair(wall))
-    assert len(CHECK((left, right), (left, right), ranges).mismatches.x) == count

@@ -67,41 +67,6 @@ def one_range(x, y, rig):
     return Ranges(*(torch.tensor([v], dtype=torch.float64) for v in values), torch.tensor([True]))
 
 
-def test_certainty_peaks_where_the_rays_meet():
-    rig = StereoRig()
-    ranges = one_range(1.5, 0.3, rig)
-    x = torch.linspace(1.0, 2.2, 1201, dtype=torch.float64)
-    values = certainty(x, 0.3 + 0 * x, ranges, rig)
-    assert float(x[values.argmax()]) == pytest.approx(1.5, abs=0.02)
-    assert float(certainty(torch.tensor(1.5), torch.tensor(0.3), ranges, rig)) == pytest.approx(
-        math.exp(-(math.hypot(1.5, 0.15) + math.hypot(1.5, 0.45)) / 3), rel=1e-5
-    )
-
-
-@pytest.mark.parametrize(("x", "y"), [(0.8, 0.2), (1.5, -0.6), (2.1, 0.9)])
-def test_samples_integrate_the_certainty(x, y):
-    """The sum of the weights against a fine sum of the printed formula over the plane."""
-    rig = StereoRig()
-    ranges = one_range(x, y, rig)
-    table = beam_table(rig, 2.2, 0.005)
-    places = sample_certainty(ranges, rig, table)
-    step = 0.0005
-    ahead = torch.arange(-0.4, 0.5, 0.002, dtype=torch.float64)
-    bearing = math.atan2(y, x)
-    across = torch.arange(-0.06, 0.06, step, dtype=torch.float64)
-    u, v = torch.meshgrid(ahead, across, indexing="ij")
-    grid = certainty(
-        x + u * math.cos(bearing) - v * math.sin(bearing),
-        y + u * math.sin(bearing) + v * math.cos(bearing),
-        ranges,
-        rig,
-    )
-    assert float(places[2].sum()) == pytest.approx(float(grid.sum()) * 0.002 * step, rel=0.01)
-    assert float((places[0] * places[2]).sum() / places[2].sum()) == pytest.approx(x, abs=0.01)
-    assert (places[2] >= 0).all()
-    assert not sample_certainty(ranges._replace(valid=torch.tensor([False])), rig, table)[2].any()
-
-
 def test_gradients():
     rig = StereoRig()
     place = torch.tensor([1.5, 0.301], dtype=torch.float64, requires_grad=True)
@@ -175,20 +140,6 @@ def test_cameras_may_differ_in_exposure_and_walls_may_slant():
     found = search_rows(slanted, SearchParams(min_step_ratio=0))
     assert found.valid.all()
     assert ((found.right - (found.left - 60) / 1.2).abs() < 1).all()
-
-
-def test_lone_matches_among_others_are_not_believed():
-    """A strip of the left row that the right row shows elsewhere, narrower than what must agree."""
-    row, other = texture(), texture(seed=6)
-    left, right = row[:640].clone(), row[50:690].clone()
-    left[300:312] = other[:12]
-    right[180:192] = other[:12]
-    pair = torch.stack((left, right))
-    loose = search_rows(pair, SearchParams(count=200, half_width_px=3, agreement_ratio=0.0, uniqueness_ratio=0.9))
-    strict = search_rows(pair, SearchParams(count=200, half_width_px=3, agreement_ratio=1.0, uniqueness_ratio=0.9))
-    wrong = [int(((shifts(found) - 50).abs() > 1).sum()) for found in (loose, strict)]
-    assert wrong[0] > wrong[1]
-    assert int(strict.valid.sum()) > 50
 
 
 # Every kind is compiled, for seconds; frames of cameras are of whole numbers.

@@ -209,15 +209,6 @@ def test_units_and_sizes_are_checked(tmp_path: Path) -> None:
         StereoRig.load(tmp_path / "none.yaml")
 
 
-def test_projections_as_they_come() -> None:
-    flat = [projection(n) for n in (0, 1)]
-    rows = [np.array(p).reshape(3, 4) for p in flat]
-    assert StereoRig.from_projections(*flat, WIDTH, HEIGHT) == StereoRig.from_projections(*rows, WIDTH, HEIGHT)
-    with pytest.raises(InputError, match="give baseline"):
-        StereoRig.from_projections(K, K, WIDTH, HEIGHT)
-    assert StereoRig.from_projections(K, K, WIDTH, HEIGHT, baseline=0.2).baseline == 0.2
-
-
 @pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data/stereo")
 def test_real_files() -> None:
     with pytest.raises(InputError, match="give width and height"):

@@ -77,17 +77,6 @@ def test_a_turn_lasts_a_second_and_suppression_two():
     assert (command.speed == 0.5).all()
 
 
-@pytest.mark.parametrize(("left", "right", "curvature"), [(2.5, 2.3, -2.0), (2.3, 2.5, 2.0), (2.5, 1.9, -1.0)])
-def test_tight_turns(left, right, curvature):
-    assert drive((left, right, 0.1))[0].curvature[0] == curvature
-
-
-def test_the_difference_is_smoothed():
-    """A difference of 0.2, smoothed by half each frame: 0.1, 0.15, and only then more than 0.15."""
-    command, _ = drive((0.3, 0.3, 0.5), (0.5, 0.3, 0.5))
-    assert command.curvature[15:18].tolist() == [0.0, 0.0, -1.0]
-
-
 def test_standing_goes_before_turning():
     """Both sides are still, but the smoothed difference would turn the car: it stops, and does not turn."""
     machine = SaccadeAvoidance(DT, AvoidanceParams(start_suppression_s=0.2, smoothing_s=10.0))

@@ -4,7 +4,6 @@ import copy
 
 import numpy as np
 import pytest
-import torch
 
 from ndtorch.navigation import (
     CRUISE,
@@ -12,13 +11,11 @@ from ndtorch.navigation import (
     STOPPED,
     SUPPRESSED,
     TURN,
-    AvoidanceParams,
     Command,
     Pose,
     Ranges,
     StereoRig,
 )
-from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.ranging._kernels import next_mode
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor import floor_view
@@ -96,21 +93,6 @@ def test_drives_straight_over_open_floor():
     assert (commands[:, 1] == 0).all()
 
 
-@pytest.mark.parametrize("side", [-1, 1])
-@pytest.mark.parametrize("seen_from_m", [0.03, 0.06, 0.1])
-def test_a_post_that_is_seen_only_while_the_floor_is_learned_is_not_touched(side, seen_from_m):
-    """A post at a front corner leaves the view before the car has learned its floor."""
-    post = np.array([[0.65], [side * 0.17]])
-
-    def ranged(pose):
-        return seen_from(pose, post if 0 <= pose.x - seen_from_m < 0.05 else np.array([[9.0], [9.0]]))
-
-    poses, _, modes = run(open_floor, 300, ranges=ranged)
-    x, y = np.stack([seen_from(Pose(*pose), post)[:, 0] for pose in poses]).T
-    assert not ((np.abs(x) < 0.25) & (np.abs(y) < 0.18)).any()
-    assert next(mode for mode in modes if mode != SUPPRESSED) != STOPPED  # to begin again would bring it nearer
-
-
 def half_hidden(side):
     """After a second the floor of one side ends 0.8 m ahead."""
 
@@ -143,21 +125,6 @@ def test_reversing_retraces():
     assert abs(poses[last, 1] - poses[first, 1]) < 0.1
 
 
-def test_no_farther_back_than_it_has_been():
-    """In a dead end in which the car starts it goes to and fro on its own path."""
-    poses, _, modes = run(open_floor, 600, ranges=lambda pose: narrow_end(pose, 2.0))
-    assert modes.count(REVERSE) > 60
-    corners = poses[:, 0] - 0.25 * np.cos(poses[:, 2]) - 0.18 * np.abs(np.sin(poses[:, 2]))
-    assert corners.min() > -0.25 - 0.08  # a cell behind where its rear was at first
-
-
-def test_before_a_wall_nearer_than_the_floor_in_view_only_what_was_seen_free_is_free():
-    """From the third second on no floor is in view: the car goes back to where it began, and turns to no side."""
-    poses, _, _ = run(lambda pose, n: np.full((2, BLOCKS), 0.3 if n > 60 else 9.0), 300)
-    assert poses[:, 0].min() > -0.05
-    assert np.abs(poses[200:, 2]).max() < 0.15
-
-
 def seen_from(pose, world):
     """Places `[2, n]` of the world in the body frame."""
     dx, dy = world[0] - pose.x, world[1] - pose.y
@@ -170,25 +137,6 @@ def narrow_end(pose, wall):
     y, x = np.linspace(-0.36, 0.36, 10), np.linspace(wall - 1.2, wall, 16)
     sides = [np.stack((x, np.full_like(x, side))) for side in (0.42, -0.42)]
     return seen_from(pose, np.concatenate([np.stack((np.full_like(y, wall), y)), *sides], -1))
-
-
-def test_ranges_alone_turn_the_car():
-    """A wall ahead and on the left side that only the rows see."""
-
-    def posts(pose):
-        y, x = np.linspace(0.0, 0.7, 8), np.linspace(1.0, 2.0, 8)
-        return seen_from(
-            pose, np.concatenate((np.stack((np.full_like(y, 2.0), y)), np.stack((x, np.full_like(x, 0.7)))), -1)
-        )
-
-    poses, commands, modes = run(open_floor, 120, ranges=posts)
-    assert TURN in modes
-    turned = modes.index(TURN)
-    assert float(commands[turned, 1]) < 0
-    # Nothing was seen free on that side: it backs once before, where it has been, and no farther.
-    assert modes[turned - 1] == REVERSE
-    assert modes[modes.index(REVERSE) - 1] == CRUISE
-    assert float(poses[:, 0].min()) > -0.05
 
 
 def test_a_state_is_never_written():
@@ -215,17 +163,6 @@ def test_turns_away_from_hidden_floor(side, away):
     assert TURN in modes[33:43]  # four frames for each cell, and it has to be near
     assert len(turns) > 10
     assert (np.sign(turns) == away).all()
-
-
-@pytest.mark.parametrize(("side", "away"), [(0, -1), (1, 1)])
-def test_the_published_rule_turns_towards_it(side, away):
-    """The same floor as largest outputs: less motion on the hidden side, and that is where it turns to."""
-    sides = torch.full((120, 2), 0.5)
-    sides[30:, side] = 0.05
-    command, _ = SaccadeAvoidance(DT, AvoidanceParams())(sides)
-    turns = command.curvature[command.curvature != 0]
-    assert turns.numel() > 10
-    assert (turns.sign() == -away).all()
 
 
 FACTS = "learning", "blocked_ahead", "clear", "blocked_sides", "reverse_done", "blocked_rear"
@@ -258,23 +195,3 @@ FACTS = "learning", "blocked_ahead", "clear", "blocked_sides", "reverse_done", "
 )
 def test_transitions(mode, true, then):
     assert next_mode(mode, *(fact in true for fact in FACTS)) == then
-
-
-@pytest.mark.parametrize("moves", [0.06, 0.3])
-def test_noise_of_a_passer_by_is_forgotten_before_the_car_goes_on(moves):
-    control, pose, command = RangingControl(RIG, DT), Pose(0.0, 0.0, 0.0), Command(0.0, 0.0)
-    state, speeds, modes = control.start(None, pose), [], []
-    for n in range(180):
-        passes = 60 <= n < 75
-        driven = Command(0.0, 0.0) if passes else command
-        cells = np.full((4, BANDS, BLOCKS), moves, np.float32) if passes else cells_of(open_floor(pose, n), *driven)
-        command, state = control.step(cells, NOWHERE, pose, driven, state)
-        speeds.append(command.speed)
-        modes.append(control.mode(state))
-    assert speeds[59] == 0.5
-    assert modes[74] == STOPPED
-    assert max(speeds[70:75]) == 0.0
-    begins = next(n for n in range(75, 180) if speeds[n] > 0)
-    assert begins < 120  # noise falls by a third with every step
-    assert speeds[begins + 20] == 0.5
-    assert control.status_message(state) is None
