@@ -148,10 +148,10 @@ class CameraMonitor:
         for k, (field, row) in enumerate(pair):
             darkest = self.limits.dark_levels / (1 if row.dtype == torch.uint8 else 255)
             self.dark[k] = self.dark[k] + 1 if float(row.max()) <= darkest else 0
-            equal = moving and same[k] and not (self.rendered and all(same))
+            equal = same[k] and not (self.rendered and all(same))
             if equal:  # a wall of one color that fills the subfield looks the same from everywhere
                 equal = bool((field.amax((-2, -1)) > field.amin((-2, -1))).any())
-            self.equal[k] = self.equal[k] + 1 if equal else 0
+            self.equal[k] = self.equal[k] + moving if equal else 0
             if self.dark[k] >= self.frozen_frames:
                 return Fault(FaultKind.BLACK, f"the {SIDES[k]} camera has been black for {self.dark[k]} frames")
             if self.equal[k] >= self.frozen_frames:
