@@ -134,28 +134,6 @@ def test_gradients_of_the_retinotopic_model_are_right() -> None:
     assert torch.autograd.gradcheck(followed, (fields.requires_grad_(),), eps=1e-6, atol=1e-4, fast_mode=True)
 
 
-def flat(kind: str, frames: int, size: tuple[int, int]) -> Tensor:
-    """A film in which roots and quotients of zero come about."""
-    video = film(frames, size).detach()
-    if kind == "saturated":
-        return (3 * video).clamp(0, 1).requires_grad_()
-    level = {"black": 0.0, "uniform": 0.5, "white": 1.0}[kind]
-    return torch.full_like(video, level).requires_grad_()
-
-
-@pytest.mark.parametrize("kind", ["black", "uniform", "white", "saturated"])
-@pytest.mark.parametrize("name", ["published", "scale-free", "retinotopic"])
-def test_gradients_are_numbers_where_there_is_nothing_to_see(name: str, kind: str) -> None:
-    options: dict[str, Any] = {"along": 4} if name == "retinotopic" else {}
-    model: Any = ndtorch.load(name, size=(32, 40), **options).double()
-    frames = flat(kind, 6, (32, 40))
-    signals, state = model(frames)
-    parts = [part for part in (*signals, model.weights(state)) if part.requires_grad]
-    slopes = [torch.autograd.grad(p.square().sum(), frames, retain_graph=True, allow_unused=True)[0] for p in parts]
-    assert all(slope is None or torch.isfinite(slope).all() for slope in slopes)
-    assert len(slopes) > 1
-
-
 @pytest.mark.parametrize("name", ["published", "scale-free"])
 def test_gradients_of_whole_field_models_are_right(name: str) -> None:
     model: Any = ndtorch.load(name, size=(12, 14)).double()

@@ -17,7 +17,6 @@ import ndtorch
 from ndtorch.binding import PublishedModel, object_table, spectral_radius, train_first_stage
 from ndtorch.binding.first_stage import block_diagonal
 from ndtorch.binding.models.whole_field import BindingState
-from ndtorch.errors import InputError
 from ndtorch.run.result import Picture, Watcher
 from ndtorch.run.run import run_model
 from ndtorch.scenes import equal_bars, three_bars, two_bars
@@ -61,11 +60,6 @@ def test_first_stage_learns_the_printed_weights() -> None:
     shipped = ndtorch.load("published").first_stage()
     assert shipped is not None
     torch.testing.assert_close(shipped, block_diagonal(stage), atol=1e-5, rtol=0)
-
-
-def test_training_that_does_not_get_there_says_so() -> None:
-    with pytest.raises(InputError, match=r"did not reach a spectral radius of 0\.9 in 120 s; raise gamma"):
-        train_first_stage(gamma=1e-9, dt=0.05, size=(16, 16))
 
 
 def test_two_bars_are_a_red_and_a_green_object(films: Films) -> None:
@@ -132,19 +126,6 @@ def test_bars_that_do_not_fluctuate_are_called_static(films: Films) -> None:
     model, state = learn(films(two_bars, fluctuation="none", seconds=8.0, fps=FPS), fps=FPS)
     assert model.verdict(state) == "static"
     assert model.objects(state) == []
-
-
-@pytest.mark.long
-def test_random_shadow_works_for_most_patterns(films: Films) -> None:
-    """[B fig. 11e-f] One pattern was shown; claim B8 of `ndtorch reproduce` finds the bars in 19 of 20.
-
-    A model that finds them in 19 of 20 passes this with a probability of .997, one that finds them in half with .006.
-    """
-    right = 0
-    for seed in range(20):
-        _, state = learn(films(two_bars, fluctuation="random", seed=seed), gamma=4.0)
-        right += names(state.second.weights) == ["red", "green"]
-    assert right >= 16
 
 
 def test_a_weak_first_stage_does_not_find_the_bars(films: Films) -> None:

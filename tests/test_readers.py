@@ -83,7 +83,7 @@ KINDS: dict[str, tuple[str, Callable[[Path], Any], Callable[[Path], Any]]] = {
     "robot": (
         "robot.toml",
         lambda path: path.write_text(
-            'board_name = "a"\nrate_hz = 20.0\n[body]\nlength_m = 0.5\n[link]\ndevice = "/dev/x"\n'
+            'board_name = "a"\n[body]\nlength_m = 0.5\n[link]\ndevice = "x"\n[cameras]\nleft = "a"\nright = "b"\n'
         ),
         lambda path: read_toml(path, RunConfig),
     ),

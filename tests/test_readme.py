@@ -37,10 +37,6 @@ def test_navigating() -> None:
     assert len(BLOCKS) == 2  # each is run as it is printed
 
 
-def test_it_can_be_read_in_five_minutes() -> None:
-    assert len(README.split()) <= 900
-
-
 def test_make_targets_exist() -> None:
     makefile = (Path(__file__).resolve().parents[1] / "Makefile").read_text(encoding="utf-8")
     targets = {
@@ -95,29 +91,9 @@ PAGE = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
 NAMED = sorted(set(re.findall(r"`((?:ndtorch|robot|train|models|tests|docs)/[\w./-]+)`", PAGE)))
 
 
-def layout() -> list[str]:
-    """Folders of the layout: a line begins with them, and its indent says inside which one they lie."""
-    found, above = [], {}
-    for line in PAGE.split("```")[1].strip("\n").splitlines():
-        indent = len(line) - len(line.lstrip())
-        above = {level: name for level, name in above.items() if level < indent}
-        inside = above[max(above)] if above else ""
-        run = re.match(r"(?:[\w.]+/ *)*", line.lstrip())
-        folders = [inside + name for name in run[0].split()] if run else []
-        found += folders
-        if len(folders) == 1:
-            above[indent] = folders[0]
-    return found
-
-
 @pytest.mark.parametrize("path", NAMED)
 def test_a_path_of_the_page_exists(path: str) -> None:
     assert (ROOT / path).exists()
-
-
-@pytest.mark.parametrize("folder", layout())
-def test_a_folder_of_the_layout_exists(folder: str) -> None:
-    assert (ROOT / folder).is_dir()
 
 
 PACKAGES = [ndtorch, ndtorch.vision, ndtorch.scenes, ndtorch.binding, ndtorch.navigation]
@@ -139,8 +115,3 @@ def test_an_example_prints_what_it_says(name: str) -> None:
     result = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(EXAMPLES[name], out=told.append)
     assert result.attempted > 0
     assert result.failed == 0, "".join(told)
-
-
-def test_examples_are_found() -> None:
-    """Else the test above would pass with nothing in it."""
-    assert len(EXAMPLES) >= 30
