@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import CRUISE, STOPPED, SUPPRESSED, TURN
+from ndtorch.navigation import STOPPED
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.stereo.strips import Strips
 from ndtorch_robot.camera_monitor import CameraMonitor
@@ -152,20 +152,6 @@ def test_a_car_that_sees_only_blank_wall_has_stopped(monkeypatch):
     monkeypatch.setattr(Simulation, "read", none)
     with pytest.raises(InputError, match="gives no frames"):
         drive(DriveConfig(arena="room", seconds=1, controller="published"))
-
-
-SEED = 21
-"""Of the short drives below; taken before anything was driven with it, and not one that anything was tuned on."""
-
-
-@pytest.mark.slow
-def test_driving_without_collisions():
-    result = drive(DriveConfig(arena="loop", seed=SEED, seconds=20))
-    assert (result.summary["collisions"], result.summary["stopped"]) == (0, 0)
-    assert result.summary["distance_m"] > 25 / 60 * 20
-    mode = result.record.array("mode").astype(int)
-    assert mode[0] == SUPPRESSED
-    assert {CRUISE, TURN} <= set(np.unique(mode))
 
 
 BUMPER = 0.25

@@ -1,4 +1,4 @@
-"""Many drives: the cache, the table and its picture, the command."""
+"""Many drives: the cache, the table, the command; metrics of maps."""
 
 import csv
 import json
@@ -16,7 +16,6 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.drives import key_of
 from ndtorch_robot.evaluation.metrics import (
     MapScore,
-    coverage,
     score_map,
     true_edges,
     visible,
@@ -110,33 +109,6 @@ def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     assert len(driven) == 3
 
 
-def test_ctrl_c_keeps_what_is_finished(tmp_path, capsys, monkeypatch):
-    def one_and_stop(work_, jobs, processes):
-        yield Event("again", 1, "SIGKILL")
-        yield Event("done", 0, summary("room", 1000))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(workers, "run_tasks", one_and_stop)
-    arguments = ["evaluate", "--arenas", "room", "--controllers", "published", "--out", str(tmp_path)]
-    assert main(arguments) == 130
-    out, err = capsys.readouterr()
-    assert "| room | textured | published | 1 |" in out
-    assert "300 s a drive, seeds 1000, 1001, 1002; 2 of 3 drives are missing." in out
-    assert "seed 1001, textured, published: its process died (SIGKILL); once more" in err
-    assert len(list((tmp_path / "drives").iterdir())) == 1
-
-
-def test_drives_that_fail_are_named(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(
-        workers, "run_tasks", lambda *a: (e for e in [Event("failed", 0, "Traceback\n ...\nValueError: broken\n")])
-    )
-    arguments = ["evaluate", "--arenas", "room", "--seeds", "7", "--controllers", "published", "--out", str(tmp_path)]
-    assert main(arguments) == 1
-    out, err = capsys.readouterr()
-    assert "failed: room, seed 7, textured, published: ValueError: broken" in err
-    assert "seeds below 1000 were used in tuning" in out
-
-
 RIG = StereoRig()
 
 
@@ -209,19 +181,11 @@ def test_a_map_of_places_along_walls():
     wall = score_map(blob(grid, along), grid, plan, profiles, poses, RIG)
     assert wall.precision == pytest.approx(0.0, abs=1e-6)
     assert wall.surfaces == pytest.approx(1.0, abs=1e-3)
-    beside = score_map(blob(grid, [*along, (4.0, -0.85)]), grid, plan, profiles, poses, RIG)
-    assert beside.surfaces == pytest.approx(0.75, abs=0.01)
     for height, share in ((1.0, 1.0), (0.15, 0.0)):
         pole = replace(plan, solids=(*plan.solids, cylinder(4.0, 0.0, 0.05, height)))
         more = [*profiles, *(np.full(10, 0.5) for _ in pole.solids[-1].points)]
         found = score_map(blob(grid, [(4.0, 0.0)]), grid, pole, more, poses, RIG)
         assert found.surfaces == pytest.approx(share, abs=1e-3)
-
-
-def test_coverage():
-    free = np.array([(x, 0.0) for x in np.arange(0.05, 10, 0.1)])
-    path = np.array([(x, 0.0) for x in np.linspace(0, 4, 200)])
-    assert coverage(free, path) == pytest.approx(0.5, abs=0.05)
 
 
 def test_turns_are_counted_when_they_begin():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import re
 import shutil
 import subprocess
@@ -19,16 +18,11 @@ FIRMWARE = folder_of("ndtorch_robot", "firmware")
 
 SOURCES = ("sim/hosted.c", "protocol.c", "drive.c")
 
-BUFFER_BYTES = 8192
-"""Size of the buffer for answers of one call: a second of telemetry is 2 kB."""
+BUFFER_BYTES, PERIOD_MS, SIGNAL_LOST = 8192, 20, 0.1
+"""Bytes of answers of one call, period of the pulses of servos, ms, and seconds without pulses after which
+servos and motor controller of model cars stop."""
 
 NAMES = ("motor", "front", "rear")
-
-PERIOD_MS = 20
-"""Period of the pulses of servos: what the board decides in between takes effect with the next."""
-
-SIGNAL_LOST = 0.1
-"""Seconds without pulses after which servos and motor controller of model cars stop."""
 
 
 class Pulse(NamedTuple):
@@ -48,8 +42,7 @@ def constants() -> dict[str, int]:
 class FirmwareHost:
     """`protocol.c` and `drive.c`, compiled for this computer, with the main loop of `main.c` around them.
 
-    The processor is missing: interrupts, the timers of the pulses and the watchdog timer. Tests run the binary on a
-    simulated processor for those.
+    The processor is missing: interrupts, the timers of the pulses and the watchdog timer.
 
     Raises:
         InputError: no C compiler, or one that cannot compile the firmware.
@@ -78,12 +71,6 @@ class FirmwareHost:
         """Switch it off and on at this time, s: it has forgotten everything."""
         self.close()
         self.board = ctypes.c_void_p(self.library.board_new(ctypes.c_uint32(round(now * 1e3))))
-
-    @staticmethod
-    def code() -> str:
-        """A hash of what it is compiled from."""
-        texts = (FIRMWARE / name for name in (*SOURCES, "config.h", "drive.h", "protocol.h"))
-        return hashlib.sha256(b"".join(text.read_bytes() for text in texts)).hexdigest()
 
     def run(self, now: float, data: bytes = b"") -> tuple[bytes, list[Pulse]]:
         """Go on until a time, s; these bytes come just before it. Returns answers, and ended pulses."""

@@ -11,7 +11,7 @@ from ndtorch_robot.sim.arenas import ARENAS, DOOR_SPACING, load_arena
 from ndtorch_robot.sim.plan import Plan, Ring, cylinder, inside, rectangle_touches, ring
 from ndtorch_robot.sim.shapes import Box, trace
 from ndtorch_robot.sim.spawn_points import SpawnPoints
-from ndtorch_robot.sim.textures import FLOOR, Floor, covered
+from ndtorch_robot.sim.textures import Floor
 
 FILES = Path(__file__).resolve().parents[3] / "robot" / "arenas"
 SQUARE = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)]
@@ -91,12 +91,10 @@ def test_contact_is_where_points_of_the_surface_are_in_the_rectangle():
     ("change", "message"),
     [
         ({"outline": Ring(((0, 0), (5, 4), (5, 0), (0, 3)), ("wall",) * 4)}, "cross"),
-        ({"outline": Ring(((0, 0), (2, 0)), ("wall",) * 2)}, "three corners"),
         ({"outline": Ring(tuple(SQUARE), ("wood",) * 4)}, "'wood'"),
         ({"outline": ring([(0, 0), (900, 0), (900, 4)])}, "too large"),
         ({"solids": (ring([(8, 8), (9, 8), (9, 9)], solid=True),)}, "outside the walls"),
         ({"start": (0.1, 0.1, 0.0)}, "start"),
-        ({"height": 0.0}, "height"),
     ],
 )
 def test_bad_plans(change, message):
@@ -113,18 +111,6 @@ def test_what_hangs_high_or_lies_flat_is_no_obstacle():
         free[name] = bool(plan.clearance(np.array([[1.5, 1.5]]))[0] > 0)
         assert plan.cast(np.array([0.5, 1.5]), np.zeros(1)) == pytest.approx([3.5 if free[name] else 0.5])
     assert free == {"sofa": False, "table": True, "sill": True, "step": False}
-
-
-def test_floors():
-    x = y = np.asarray((np.arange(256) + 0.5) / FLOOR, np.float32)
-    rng = np.random.default_rng(0)
-    tiles = Floor("tiles").light(x, y, rng)
-    joint = np.abs(x - 0.6).argmin()
-    assert tiles[100, joint] < 0.6 < 0.8 < tiles[100, joint + 8]
-    # A joint of 6 mm is thinner than a texel: what it takes away is right all the same.
-    assert covered(x, 0.3, 0.006)[:230].sum() / FLOOR == pytest.approx(0.006 * 5.5, abs=0.003)
-    checks = Floor("checker").light(x, y, rng)
-    assert checks[5, 5] != checks[5, 5 + 32] == checks[5 + 32, 5]
 
 
 FILE = """
@@ -157,12 +143,8 @@ def test_arena_file(tmp_path):
         (FILE + "hue = 3", "unknown key 'hue'; known: name, rooms"),
         (FILE.replace("width = 0.05", "width = -1"), r"pillars.0.width = -1: should be greater"),
         (FILE.replace("[8, 4, 8.6, 5]", "[8, 4, 8.3, 5]"), "at least 0.6 m wide"),
-        (FILE.replace("4.1, 1.8]]", "4.1, 1.3]]"), "at least 0.36 m wide"),
         ('name = "x"\nrooms = [[0, 0, 9, 0.65]]', "nowhere as wide as the robot needs"),
         ('name = "x"\nrooms = [[0, 0, 1, 1], [3, 3, 4, 4]]', "connected"),
-        ('name = "x"', "rooms"),
-        (FILE.replace("[1, 1, 90]", "[20, 1, 90]"), "start"),
-        ("name = ", "not a TOML file"),
     ],
 )
 def test_bad_arena_files(tmp_path, text, message):

@@ -12,7 +12,6 @@ from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.disturbances import Disturbances
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from ndtorch_robot.sim.textures import floor_texture
 from ndtorch_robot.sim.world import World, with_mipmaps
 
 
@@ -154,15 +153,3 @@ def test_cameras_that_are_mounted_pitched_see_what_those_see_that_have_slipped()
         simulation = Simulation(load_arena("room"), 3, rig=rig, disturbances=disturbances, full_frames=True)
         seen.append(simulation.read().left)
     assert torch.equal(*seen)
-
-
-def test_nothing_is_painted_twice():
-    """Where a square metre of carpet looks like another one, it is the same one."""
-    floor, bounds = floor_texture(load_arena("room"), np.random.default_rng(0))
-    assert floor.shape[0] == pytest.approx((bounds[3] - bounds[2]) * 128)
-    grey = floor.mean(-1) - floor.mean()
-    correlation = np.fft.ifft2(np.abs(np.fft.fft2(grey)) ** 2).real
-    correlation /= correlation[0, 0]
-    correlation[:128, :128] = correlation[:128, -128:] = correlation[-128:, :128] = correlation[-128:, -128:] = 0
-    assert correlation.max() < 0.3
-    assert 0.02 < grey.std() / 255 < 0.05
