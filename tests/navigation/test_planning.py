@@ -1,99 +1,104 @@
-"""Planning on a map that is given: ways fit the outline, keep to the turning circle, and lead to the goal."""
+"""Planning on a map that is given: paths fit the outline, keep to the turning circle, and lead to the goal."""
 
 from __future__ import annotations
 
-import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ndtorch.navigation.planning.costmap import LocalMap, clearance, with_backs
-from ndtorch.navigation.planning.frontiers import cheapest_goal, frontier_costs
-from ndtorch.navigation.planning.params import PlannerParams
-from ndtorch.navigation.planning.path_tracking import SpeedLimits, pure_pursuit, seen_length, seen_points, speed_profile
-from ndtorch.navigation.planning.planner import Plan, goal_costs, plan
+from ndtorch.navigation import Body
+from ndtorch.navigation.planning.path_tracking import MIN_SPEED, pure_pursuit, tracking_speed
+from ndtorch.navigation.planning.planner import LocalMap, Planner, SpeedLimits, clearance, goal_costs, hidden
 
 CELL, SIDE = 0.05, 160
-PARAMS = PlannerParams()
+BODY = Body()
+PLANNER = Planner(BODY)
+LIMITS = SpeedLimits(0.5, 0.35, 0.3, 0.2, 1.5)
+HERE = (-2.0, 0.0, 0.0)
 
 
-def world(*boxes, free=True):
-    """8 x 8 m around the origin with blocked boxes (left, right, bottom, top)."""
+def box(left, right, bottom, top):
+    """The cells of a box of the map."""
+    a, b, c, d = (round((v + 4) / CELL) for v in (left, right, bottom, top))
+    return np.s_[c:d, a:b]
+
+
+def world(*boxes):
+    """8 x 8 m around the origin with blocked boxes (left, right, bottom, top); the rest is free."""
     blocked = np.zeros((SIDE, SIDE), bool)
-    for left, right, bottom, top in boxes:
-        a, b, c, d = (round((v + 4) / CELL) for v in (left, right, bottom, top))
-        blocked[c:d, a:b] = True
-    return LocalMap(blocked, ~blocked & free, -4.0, -4.0, CELL)
+    for sides in boxes:
+        blocked[box(*sides)] = True
+    return LocalMap(blocked, ~blocked, -4.0, -4.0, CELL)
 
 
-def planned(around, goal, pose=(-2.0, 0.0, 0.0), direction=1.0):
-    clear = clearance(around.blocked, CELL)
-    return plan(around, clear, goal_costs(around, goal, PARAMS), pose, 0.0, direction, PARAMS)
+def planned(around, goal, pose=HERE, planner=PLANNER):
+    return planner.plan(around, goal_costs(around, goal), pose, 0.0, 1.0, LIMITS)
 
 
-def test_in_the_open_it_goes_straight():
+def explored(around, visited, pose=HERE):
+    return PLANNER.plan(around, PLANNER.unvisited_costs(around, visited), pose, 0.0, 1.0, LIMITS, exploring=True)
+
+
+def outline(path, body):
+    """Corners and middles of the sides of the body along a path, `[n, 6, 2]`."""
+    x, y, heading = path[:, None, :3].T
+    along = np.array([-1, 0, 1, -1, 0, 1])[:, None] * body.length_m / 2
+    aside = np.array([-1, -1, -1, 1, 1, 1])[:, None] * body.width_m / 2
+    cos, sin = np.cos(heading), np.sin(heading)
+    return np.stack((x + along * cos - aside * sin, y + along * sin + aside * cos), -1)
+
+
+def test_the_discs_cover_the_body():
+    x, y = np.meshgrid(np.linspace(-0.25, 0.25, 41), np.linspace(-0.18, 0.18, 31))
+    away = np.hypot(x[..., None] - PLANNER.centers, y[..., None]).min(-1)
+    assert away.max() == pytest.approx(PLANNER.radius_m, abs=1e-3)
+
+
+def test_in_the_open_the_path_is_straight():
     made = planned(world(), (2.0, 0.0))
     assert made.cost == pytest.approx(4.0, abs=0.15)
     assert abs(made.path[:, 1]).max() < 0.02
-    assert made.path[-1, 0] >= -2.0 + PARAMS.horizon_m - 0.01
+    assert made.path[-1, 0] >= -2.0 + PLANNER.horizon_m - 0.01
+    assert made.path[:, 5] == pytest.approx(LIMITS.cruise)
+    beyond = planned(world(), (6.0, 0.0))
+    assert beyond.path[-1, 0] == pytest.approx(made.path[-1, 0])
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_it_goes_through_the_gap_and_no_part_of_the_body_is_in_the_wall(side):
+def test_a_path_leads_through_a_gap_slowly_and_no_part_of_the_body_through_the_wall(side):
     bottom, top = sorted((side * 0.4, side * 1.1))
     around = world((-0.5, -0.35, -4, bottom), (-0.5, -0.35, top, 4))
     made = planned(around, (2.0, 0.0))
-    x, y, heading, curvature, _ = made.path.T
     assert made.path[-1, 0] > -0.3
-    assert abs(curvature).max() <= 1 / PARAMS.min_turn_radius_m + 1e-6
-    for along in (-0.25, 0.0, 0.25):
-        for aside in (-0.18, 0.18):
-            px, py = x + along * np.cos(heading) - aside * np.sin(heading), y + along * np.sin(heading)
-            py += aside * np.cos(heading)
-            cells = [around.blocked[around.cell_of(*place)] for place in zip(px, py, strict=True)]
-            assert not any(cells)
+    assert abs(made.path[:, 3]).max() <= 0.9 / BODY.min_turn_radius_m + 1e-6
+    assert not around.blocked[around.cells_of(*outline(made.path, BODY).reshape(-1, 2).T)].any()
+    in_gap = abs(made.path[:, 0] + 0.42) < 0.2
+    assert made.path[in_gap, 5].max() < 0.45
 
 
-def test_a_gap_narrower_than_the_body_is_no_way():
+def test_a_gap_narrower_than_the_body_is_no_path():
     around = world((-0.5, -0.35, -4, -0.15), (-0.5, -0.35, 0.15, 4))
     assert planned(around, (2.0, 0.0)).path[:, 0].max() < -0.6
 
 
-def test_out_of_a_dead_end_it_backs_where_floor_was_seen_and_not_into_what_was_not():
-    walls = ((-1.55, -1.4, -0.5, 0.5), (-2.4, -1.4, 0.35, 0.5), (-2.4, -1.4, -0.5, -0.35))
-    seen = planned(world(*walls), (2.0, 0.0))
-    assert seen.path[1, 4] == -1
-    around = world(*walls)
+@pytest.mark.parametrize("radius", [0.3, 0.45, 0.6, 0.9])
+def test_a_car_backs_on_arcs_of_any_turning_radius_where_floor_was_seen(radius):
+    """It stands before a wall, the goal is beside and behind it: it has to turn while it backs."""
+    planner = Planner(Body(min_turn_radius_m=radius))
+    around = world((-1.55, -1.4, -4, 4))
+    made = planned(around, (-3.2, 1.6), planner=planner)
+    backward = made.path[made.path[:, 4] < 0]
+    assert len(backward)
+    assert abs(backward[:, 3]).max() == pytest.approx(planner.max_curvature_per_m)
+    assert 1 / planner.max_curvature_per_m >= radius
     unseen = around._replace(free=np.zeros_like(around.free))
-    assert (planned(unseen, (2.0, 0.0)).path[:, 4] == 1).all()
-
-
-def covers_the_unseen(made, around):
-    """How many places of the next metre have the front of the body over cells that were not seen free."""
-    count = 0
-    for x, y, heading, _, direction in made.path[1:6]:
-        across = 0.15 * np.array([-np.sin(heading), np.cos(heading)])
-        front = np.array([x, y]) + 0.2 * direction * np.array([np.cos(heading), np.sin(heading)])
-        count += any(not around.free[around.cell_of(*(front + side * across))] for side in (-1, 0, 1))
-    return count
-
-
-def test_it_does_not_turn_round_a_corner_into_what_it_has_not_seen():
-    around = world()
-    a, b, c, d = (round((v + 4) / CELL) for v in (-1.5, -0.6, -1.5, -0.2))
-    around.free[c:d, a:b] = False
-    clear, seed = clearance(around.blocked, CELL), goal_costs(around, (-0.9, -3.0), PARAMS)
-    bold = plan(around, clear, seed, (-2.0, 0.0, 0.0), 0.0, 1.0, replace(PARAMS, unseen_cost=0.0))
-    careful = plan(around, clear, seed, (-2.0, 0.0, 0.0), 0.0, 1.0, PARAMS)
-    assert covers_the_unseen(bold, around) > covers_the_unseen(careful, around) == 0
+    assert (planned(unseen, (-3.2, 1.6), planner=planner).path[:, 4] == 1).all()
 
 
 def test_clearance_is_the_distance_to_what_is_blocked():
     around = world((0.0, 0.05, 0.0, 0.05))
-    clear = clearance(around.blocked, CELL)
-    row, column = around.cell_of(0.01, 0.01)
+    clear, (row, column) = clearance(around.blocked, CELL), around.cells_of(0.01, 0.01)
     assert clear[row, column] == 0
     assert clear[row, column + 10] == pytest.approx(10 * CELL)
     assert clear[row + 6, column - 8] == pytest.approx(10 * CELL, rel=0.03)
@@ -107,115 +112,42 @@ def test_unknown_cells_near_an_obstacle_count_as_blocked_and_free_ones_do_not():
     row, column = np.nonzero(blocked)
     down, across = np.indices(blocked.shape)
     away = CELL * np.hypot(down[..., None] - row, across[..., None] - column).min(-1)
-    found = with_backs(around, 0.15)
-    assert not (found & around.free).any()
-    assert found[~around.free & (away < 0.14)].all()
-    assert not found[away > 0.16].any()
-
-
-AROUND = (-2.0, 0.0, 0.0)
-
-
-def square(left, right, bottom, top):
-    a, b, c, d = (round((v + 4) / CELL) for v in (left, right, bottom, top))
-    return np.s_[c:d, a:b]
-
-
-def explored(around, visited, pose=AROUND):
-    clear = clearance(around.blocked, CELL)
-    seed = frontier_costs(around, visited, clear, PARAMS)
-    return plan(around, clear, seed, pose, 0.0, 1.0, PARAMS, through=False)
+    cells = hidden(around)
+    assert not (cells & around.free).any()
+    assert cells[~around.free & (away < 0.14)].all()
+    assert not cells[away > 0.16].any()
 
 
 def test_exploring_ends_where_nothing_is_left_and_goes_through_no_wall():
     visited = np.zeros((SIDE, SIDE), bool)
     assert math.isfinite(explored(world(), visited).cost)
     assert math.isinf(explored(world(), ~visited).cost)
-    wall = (-1.0, -0.8, -4, 4)
-    visited[:, : round(3.2 / CELL)] = True
-    made = explored(world(wall), visited)
-    assert math.isinf(made.cost)
-    assert len(made.path) == 1
-    # Of a place that it was told it goes as near as it can.
-    around = world(wall)
-    to = np.full((SIDE // 2, SIDE // 2), np.inf, np.float32)
-    to[40, 60] = 0
-    assert math.isfinite(plan(around, clearance(around.blocked, CELL), to, AROUND, 0.0, 1.0, PARAMS).cost)
-
-
-def test_a_gap_that_admits_the_car_is_a_way_to_what_is_left():
-    visited = np.zeros((SIDE, SIDE), bool)
-    visited[:, : round(3.2 / CELL)] = True
+    visited[box(-4, -0.8, -4, 4)] = True
+    wall = world((-1.0, -0.8, -4, 4))
+    made = explored(wall, visited)
+    assert (math.isinf(made.cost), len(made.path)) == (True, 1)
+    # To a goal it goes as near as it can.
+    assert 40 * 0.2 < planned(wall, (1.0, 0.0)).cost < math.inf
     gap = world((-1.0, -0.8, -4, 0.2), (-1.0, -0.8, 0.8, 4))
     assert 1 < explored(gap, visited).cost < 6
 
 
-def test_a_car_that_stands_near_a_wall_may_leave_but_not_through_it():
-    wall = (-1.0, -0.9, -4, 4)
+def test_exploring_leads_to_the_nearest_unvisited_floor():
     visited = np.ones((SIDE, SIDE), bool)
-    visited[square(-3.8, -3.0, -1, 1)] = False
-    beside = (-1.15, 0.0, math.pi / 2)
-    assert math.isfinite(explored(world(wall), visited, beside).cost)
-    other = np.ones((SIDE, SIDE), bool)
-    other[square(1.0, 3.0, -1, 1)] = False
-    assert math.isinf(explored(world(wall), other, beside).cost)
+    visited[box(-1.0, 0.0, 2.0, 3.0)] = visited[box(3.0, 3.1, 3.0, 3.1)] = False
+    made = explored(world(), visited)
+    assert made.cost == pytest.approx(math.hypot(1.0, 2.0), abs=0.25)
+    assert made.path[-1, 1] > 0.8
 
 
-def test_a_gap_that_seems_a_little_too_narrow_is_dear_and_one_that_is_much_too_narrow_is_none():
-    visited = np.zeros((SIDE, SIDE), bool)
-    visited[:, : round(3.2 / CELL)] = True
-    costs = [explored(world((-1.0, -0.9, -4, 0.2), (-1.0, -0.9, 0.2 + w, 4)), visited).cost for w in (0.9, 0.4, 0.2)]
-    assert costs[0] + 4 < costs[1] < math.inf == costs[2]
-
-
-def test_a_scrap_in_a_corner_is_no_aim():
-    visited = np.ones((SIDE, SIDE), bool)
-    scrap = square(3.0, 3.25, 3.0, 3.25)
-    visited[scrap] = False
-    assert math.isinf(explored(world(), visited).cost)
-    visited[square(2.8, 3.25, 2.8, 3.25)] = False
-    assert math.isfinite(explored(world(), visited).cost)
-
-
-@pytest.mark.parametrize("gap", [0.5, 0.9])
-def test_it_goes_over_nothing_unseen_where_the_cameras_see_no_floor(gap):
-    """Ahead of the car the unseen begins, or a wall that is not known: it may come near, and no nearer."""
-    around, visited = world(), np.ones((SIDE, SIDE), bool)
-    unseen = square(-2.0 + gap, 4.0, -4.0, 4.0)
-    around.free[unseen], visited[unseen] = False, False
-    clear = clearance(around.blocked, CELL)
-    seed = frontier_costs(around, visited, clear, PARAMS)
-    bold = plan(around, clear, seed, AROUND, 0.0, 1.0, replace(PARAMS, blind_distance_m=0.1), through=False)
-    careful = plan(around, clear, seed, AROUND, 0.0, 1.0, PARAMS, through=False)
-    lead = PARAMS.footprint_centers_m[-1] + PARAMS.footprint_radius_m
-    near = [math.dist(place[:2], AROUND[:2]) <= PARAMS.blind_distance_m + 0.01 for place in careful.path]
-    ahead = careful.path[:, 0] + lead * np.cos(careful.path[:, 2])
-    assert (ahead[near & (careful.path[:, 4] > 0)] <= -2.0 + gap + 2 * CELL).all()
-    if gap < lead + PARAMS.blind_distance_m:
-        assert (bold.path[:3, 0] + lead).max() > -2.0 + gap + 2 * CELL
-    else:
-        assert ahead.max() > -2.0 + gap
-
-
-@pytest.mark.parametrize("end", [(0, 0), (4, 6), (0, 6), (4, 0), (2, 3)])
-@pytest.mark.parametrize("begin", [(2, 3), (0, 0), (4, 6), (-3, 9), (9, -3)])
-def test_downhill_from_anywhere_to_the_only_end(end, begin):
-    """Cells of .2 m from 1, -2 on; a place outside counts as the nearest cell."""
-    around = LocalMap(np.zeros((10, 14), bool), np.zeros((10, 14), bool), 1.0, -2.0, 0.1)
-    rows, columns = np.indices((5, 7))
-    cost = (0.2 * np.hypot(rows - end[0], columns - end[1])).astype(np.float32)
-    here = (1.0 + 0.2 * (begin[1] + 0.5), -2.0 + 0.2 * (begin[0] + 0.5))
-    assert cheapest_goal(cost, around, 2, here) == pytest.approx((1.1 + 0.2 * end[1], -1.9 + 0.2 * end[0]))
-
-
-WAY = np.array(
+PATH = np.array(
     [
-        [0.0, 0.0, 0.0, 0.0, 1.0],
-        [0.2, 0.0, 0.1, 0.5, 1.0],
-        [0.4, 0.03, 0.3, 1.0, 1.0],
-        [0.58, 0.12, 0.6, 1.5, 1.0],
-        [0.42, 0.02, 0.4, 1.0, -1.0],
-        [0.2, -0.04, 0.2, 1.0, -1.0],
+        [0.0, 0.0, 0.0, 0.0, 1.0, 0.5],
+        [0.2, 0.0, 0.1, 0.5, 1.0, 0.5],
+        [0.4, 0.03, 0.3, 1.0, 1.0, 0.4],
+        [0.58, 0.12, 0.6, 1.5, 1.0, 0.0],
+        [0.42, 0.02, 0.4, 1.0, -1.0, 0.3],
+        [0.2, -0.04, 0.2, 1.0, -1.0, 0.3],
     ],
     np.float32,
 )
@@ -223,82 +155,64 @@ WIDE = 99.0
 """A largest curvature that limits nothing."""
 
 
-def along(places: list[tuple[float, float]], length: float, heading: float, direction: float) -> tuple[float, float]:
-    """The place so far along a broken line, and straight on beyond its end."""
-    for (x, y), (to_x, to_y) in itertools.pairwise(places):
-        piece = math.hypot(to_x - x, to_y - y)
-        if length <= piece:
-            return x + length / piece * (to_x - x), y + length / piece * (to_y - y)
-        length -= piece
-    x, y = places[-1]
-    return x + length * direction * math.cos(heading), y + length * direction * math.sin(heading)
-
-
-def arc_to(pose: tuple[float, float, float], place: tuple[float, float]) -> float:
-    """Curvature of the circle that touches the heading and goes through a place: sine law, 2 sin(angle) / distance."""
-    dx, dy = place[0] - pose[0], place[1] - pose[1]
+def arc_to(pose, point):
+    """Curvature of the circle that touches the heading and goes through a point: sine law, 2 sin(angle) / distance."""
+    dx, dy = point[0] - pose[0], point[1] - pose[1]
     return 2 * math.sin(math.atan2(dy, dx) - pose[2]) / math.hypot(dx, dy)
 
 
-@pytest.mark.parametrize("ahead", [0.1, 0.3, 0.45, 0.8])
 @pytest.mark.parametrize("pose", [(0.01, 0.02, 0.1), (0.1, -0.05, -0.3), (0.3, 0.1, 0.2), (0.42, 0.0, 0.5)])
-def test_it_aims_at_the_place_so_far_ahead_along_the_way(pose: tuple[float, float, float], ahead: float) -> None:
-    aim = pure_pursuit(WAY, 0, pose, ahead, WIDE)
-    left = [(float(x), float(y)) for x, y in WAY[aim.at + 1 : 4, :2]]
-    aimed = along([pose[:2], *left], ahead, float(WAY[3, 2]), 1.0)
-    assert aim.direction == 1.0
-    assert aim.curvature == pytest.approx(arc_to(pose, aimed), abs=1e-4)
-    lengths = [math.dist(a, b) for a, b in zip([pose[:2], *left], left, strict=False)]
-    assert aim.left == pytest.approx(sum(lengths), abs=1e-6)
+def test_pure_pursuit_aims_at_the_point_so_far_along_the_path_and_straight_on_beyond_its_end(pose):
+    points = [pose[:2], *(tuple(p) for p in PATH[1:4, :2].tolist() if p[0] > pose[0] + 0.02)]
+    for ahead in (0.1, 0.3, 0.45, 0.8):
+        aim, left = pure_pursuit(PATH, 0, pose, ahead, WIDE), ahead
+        for a, b in zip(points, points[1:], strict=False):
+            if left <= math.dist(a, b):
+                ratio = left / math.dist(a, b)
+                target = a[0] + ratio * (b[0] - a[0]), a[1] + ratio * (b[1] - a[1])
+                break
+            left -= math.dist(a, b)
+        else:
+            target = points[-1][0] + left * math.cos(0.6), points[-1][1] + left * math.sin(0.6)
+        assert aim.direction == 1.0
+        assert aim.curvature == pytest.approx(arc_to(pose, target), abs=1e-4)
+        assert abs(pure_pursuit(PATH, 0, pose, ahead, 0.1).curvature) <= 0.1
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize(("before", "reached"), [(0.021, 0), (0.019, 1), (-0.1, 1)])
-def test_a_place_is_reached_2_cm_before_the_line_across_the_way(before: float, reached: int, direction: float) -> None:
+def test_a_point_is_reached_2_cm_before_the_line_across_the_path(before, reached, direction):
     """The line is at right angles to the heading there, wherever aside the car is."""
     turned = 0.5
     cos, sin = math.cos(turned), math.sin(turned)
-    way = np.array([[direction * 0.2 * n * cos, direction * 0.2 * n * sin, turned, 0, direction] for n in range(4)])
+    path = np.array([[direction * 0.2 * n * cos, direction * 0.2 * n * sin, turned, 0, direction, 1] for n in range(4)])
     for aside in (0.3, -0.3):
         x = direction * (0.2 - before)
-        pose = (x * cos - aside * sin, x * sin + aside * cos, turned)
-        assert pure_pursuit(way, 0, pose, 0.3, WIDE).at == reached
+        assert pure_pursuit(path, 0, (x * cos - aside * sin, x * sin + aside * cos, turned), 0.3, WIDE).at == reached
 
 
-def test_beyond_the_end_of_a_stretch_the_next_one_begins_and_beyond_the_last_none() -> None:
-    aim = pure_pursuit(WAY, 0, (0.6, 0.13, 0.6), 0.3, WIDE)
+def test_beyond_the_end_of_a_stretch_the_next_one_begins_and_beyond_the_last_none():
+    aim = pure_pursuit(PATH, 0, (0.6, 0.13, 0.6), 0.3, WIDE)
     assert (aim.direction, aim.at) == (-1.0, 3)
-    assert pure_pursuit(WAY, 0, (0.1, -0.06, 0.2), 0.3, WIDE).direction == 1.0
-    done = pure_pursuit(WAY, 3, (0.1, -0.06, 0.2), 0.3, WIDE)
-    assert (done.direction, done.at, done.left) == (0.0, 5, 0.0)
+    done = pure_pursuit(PATH, 3, (0.1, -0.06, 0.2), 0.3, WIDE)
+    assert (done.direction, done.at) == (0.0, 5)
 
 
-LIMITS = SpeedLimits(0.5, 0.35, 0.2, 1.5)
-
-
-def test_the_speed_before_what_is_slow_is_what_can_be_braked_from():
-    """v^2 = v'^2 + 2 a s from place to place, and standing where the direction changes."""
-    limits, blocked = LIMITS._replace(deceleration=0.1), np.zeros((60, 60), bool)
-    around = LocalMap(blocked, ~blocked, -1.0, -1.0, 0.05)
-    x = [0.0, 0.2, 0.5, 0.6, 0.7]
-    way = np.array([[v, 0.0, 0.0, 0.0, 1.0] for v in x], np.float32)
-    seen = np.zeros((60, 60), np.float32)
-    way[3:, 4] = -1.0
-    speeds = speed_profile(Plan(way, 1.0, seen + 9, seen, seen), around, limits, PlannerParams())
-    back = limits.reverse
-    begun = [math.sqrt(0.2 * 0.5), math.sqrt(0.2 * 0.3), math.sqrt(back**2 + 0.2 * 0.1), back, back]
-    assert speeds.tolist() == pytest.approx(begun, abs=1e-5)
-
-
-def test_a_path_is_seen_up_to_where_the_leading_disc_covers_unknown_cells():
-    blocked = np.zeros((60, 60), bool)
-    around = LocalMap(blocked, ~blocked, -1.0, -1.0, 0.05)
-    way = np.array([[v, 0.0, 0.0, 0.0, 1.0] for v in (0.0, 0.2, 0.5, 0.6, 0.7)], np.float32)
-    seen = np.zeros((60, 60), np.float32)
-    unseen = seen.copy()
-    unseen[:, round((0.65 + 0.2 + 1) / 0.05) :] = 1  # where a disc .1875 m ahead of the last place covers unknown cells
-    assert seen_points(Plan(way, 1.0, seen + 9, seen, seen), around, PlannerParams()) == 5
-    assert seen_points(Plan(way, 1.0, seen + 9, unseen, seen), around, PlannerParams()) == 4
-    assert seen_length(way, 0, 5, (0.1, 0.0, 0.0)) == math.inf
-    assert seen_length(way, 0, 4, (0.1, 0.0, 0.0)) == pytest.approx(0.5)
-    assert seen_length(way, 2, 2, (0.5, 0.0, 0.0)) == 0
+def test_speeds_are_those_that_can_be_braked_to_the_next_one():
+    """v^2 = v'^2 + 2 a s from point to point, 0 where the direction changes, and slow into unknown cells."""
+    around, limits = world(), LIMITS._replace(deceleration=0.1)
+    clear = clearance(around.blocked, CELL)
+    path = np.array([[v, 0.0, 0.0, 0.0, 1.0] for v in (0.0, 0.2, 0.5, 0.6, 0.5)], np.float32)
+    path[4, 4] = -1.0
+    stop = PLANNER.speeds(path, around, clear, limits)
+    braked = [math.sqrt(0.2 * s) for s in (0.6, 0.4, 0.1)]
+    assert stop == pytest.approx([*braked, 0.0, limits.reverse], abs=1e-5)
+    around.free[box(1.2, 4.0, -4.0, 4.0)] = False
+    lead = PLANNER.centers[-1] + PLANNER.radius_m
+    path = np.array([[v - lead, 0.0, 0.0, 0.0, 1.0] for v in (0.6, 0.9, 1.3, 1.5)], np.float32)
+    slow = PLANNER.speeds(path, around, clear, limits)
+    before = math.sqrt(0.3**2 + 0.2 * 0.4)
+    assert slow == pytest.approx([math.sqrt(before**2 + 0.2 * 0.3), before, 0.3, 0.3], abs=1e-5)
+    there = tracking_speed(np.column_stack((path, slow)), 1, (1.0 - lead, 0.0, 0.0), 0.1)
+    assert there == pytest.approx(math.sqrt(0.3**2 + 0.2 * 0.3), abs=1e-5)
+    assert tracking_speed(PATH, 2, (0.58, 0.12, 0.6), 0.1) == MIN_SPEED

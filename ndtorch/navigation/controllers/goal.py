@@ -1,0 +1,466 @@
+"""The controller that drives to goals and explores, by paths planned in its local grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ndtorch.arguments import check_numbers
+from ndtorch.errors import InputError
+from ndtorch.navigation.body import Body, braking_speed
+from ndtorch.navigation.controllers.contract import (
+    ARRIVED,
+    CRUISE,
+    REVERSE,
+    STOPPED,
+    SUPPRESSED,
+    TURN,
+    Command,
+    Controller,
+    Task,
+    Trace,
+)
+from ndtorch.navigation.controllers.ranging._kernels import RangingState, decide, limit, remember
+from ndtorch.navigation.controllers.ranging.control import BLOCKED, RangingControl, check_sizes, ranging_tables
+from ndtorch.navigation.controllers.ranging.params import RangingParams
+from ndtorch.navigation.controllers.registry import register
+from ndtorch.navigation.local_grid._kernels import Array, LocalGrid, move_grid
+from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid, unrolled
+from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.planning.path_tracking import pure_pursuit, tracking_speed
+from ndtorch.navigation.planning.planner import COARSE, LocalMap, Place, Planner, SpeedLimits, goal_costs
+from ndtorch.navigation.proximity import ProximityScan
+from ndtorch.navigation.stereo._kernels import Frames
+from ndtorch.navigation.stereo.ranging import Ranges
+from ndtorch.navigation.stereo.rig import Rect, StereoRig
+
+GOAL, EXPLORE, HOME, DONE = 0, 1, 2, 3
+"""Tasks."""
+
+MAX_POINTS = 40
+"""Points of a path that are kept: more than its horizon has arcs."""
+
+PLAN_INTERVAL_S = 0.2
+"""A path is planned so often."""
+
+SEEN_THROUGH = 0.15
+"""A range takes this much evidence from each cell on its line of sight."""
+
+FREE_RATIO = 0.1
+"""Cells with less evidence than minus this ratio of a blocked cell's are free."""
+
+CELL_M = 0.05
+"""Side of a cell of the local grid."""
+
+REACTION_S = 0.2
+"""The car brakes this long after an obstacle came into view: two frames of ranges, a step, and the body's reaction."""
+
+MIN_SAFE_SPEED = 0.1
+"""m/s: where the car could only drive more slowly, the path is blocked."""
+
+STUCK_S, REACTIVE_S = 1.0, 1.0
+"""A car that has stood without a free path for the first time is driven by the reactive controller for the second."""
+
+EXPLORED_S = 10.0
+"""Exploration ends when no path to unvisited floor was found for this long."""
+
+VISITED_M = 0.9
+"""Exploring, everything within this distance of the car is visited."""
+
+CURVATURE_RATIO = 1.075
+"""Largest commanded curvature over that of the tightest planned arc."""
+
+SPIN_LOOK_M, SPIN_ABOVE, SPIN_BELOW = 0.6, math.radians(60), math.radians(15)
+"""A differential drive turns on the spot where the point so far down the costs to the goal is farther off its heading
+than the first angle, until it is nearer than the second."""
+
+
+@dataclass(frozen=True)
+class GoalParams:
+    """Parameters of the goal controller.
+
+    Args:
+        goal: Place to drive to, x and y in m in the frame of the pose; None for no goal.
+        explore: The car then drives wherever it was not yet; it does so without any other task, too.
+        return_home: The car then drives back to where it began.
+        goal_tolerance_m: Distance within which a goal is reached.
+        speed_m_per_s: Speed where there is room.
+        tight_speed_m_per_s: Speed where it is tight.
+        unknown_speed_m_per_s: Speed into unknown cells.
+        deceleration_m_per_s2: Deceleration with which the car can brake.
+        lookahead_m: Distance along the path at which pure pursuit aims.
+        safety_margin_m: Distance that is kept free around the body.
+        inflation_radius_m: Clearance from which on a path costs nothing more.
+        horizon_m: Length of a planned path.
+        clearance_cost: Extra cost of a metre without clearance, m.
+        obstacle_cost: Extra cost of a metre through obstacles, m.
+        reverse_cost_ratio: Cost of driving backward over that of driving ahead.
+        memory_s: Time in which evidence of obstacles and floor falls to 1/e.
+        map_cells: Cells of 5 cm along each side of the local grid, a power of two.
+        body: Outline of the car.
+
+    Raises:
+        InputError: A number is not positive.
+    """
+
+    goal: tuple[float, float] | None = None
+    explore: bool = False
+    return_home: bool = False
+    goal_tolerance_m: float = 0.3
+    speed_m_per_s: float = 0.5
+    tight_speed_m_per_s: float = 0.35
+    unknown_speed_m_per_s: float = 0.3
+    deceleration_m_per_s2: float = 1.5
+    lookahead_m: float = 0.3
+    safety_margin_m: float = 0.05
+    inflation_radius_m: float = 0.45
+    horizon_m: float = 2.6
+    clearance_cost: float = 1.5
+    obstacle_cost: float = 40.0
+    reverse_cost_ratio: float = 2.5
+    memory_s: float = 300.0
+    map_cells: int = 512
+    body: Body = field(default_factory=Body)
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive=vars(self))
+        if self.goal is not None and not (isinstance(self.goal, tuple | list) and len(self.goal) == 2):
+            raise InputError(f"goal must be x and y in metres, got {self.goal!r}")
+
+    @property
+    def grid(self) -> LocalGridParams:
+        """The local grid."""
+        return LocalGridParams(CELL_M, self.map_cells, self.memory_s)
+
+    @property
+    def reactive(self) -> RangingParams:
+        """The reactive controller under the planner: a large memory that lasts, and less room."""
+        speed = min(RangingParams.speed_m_per_s, self.speed_m_per_s)
+        return RangingParams(
+            speed, safety_margin_m=0.03, min_free_m=0.15, overhangs=False, body=self.body, grid=self.grid
+        )
+
+    @property
+    def planner(self) -> Planner:
+        """The planner."""
+        return Planner(
+            self.body,
+            self.safety_margin_m,
+            self.inflation_radius_m,
+            self.horizon_m,
+            self.clearance_cost,
+            self.obstacle_cost,
+            self.reverse_cost_ratio,
+        )
+
+
+class GoalState(NamedTuple):
+    """State of `GoalControl`.
+
+    Attributes:
+        reactive: state of the reactive controller, with its local grid.
+        visited: 1 in visited cells; no cells where the controller does not explore.
+        task: `GOAL`, `EXPLORE`, `HOME` or `DONE`.
+        goal, home: x, y, m, in the frame of the map.
+        explores, returns: whether exploration and the way home follow.
+        frame: pose of that frame in the frame of dead reckoning.
+        path: `[MAX_POINTS, 6]`, see `Plan`.
+        points, at: number of its points, and index of the one reached.
+        due: time steps until the next plan.
+        direction: +1 ahead, -1 backward.
+        stuck: consecutive time steps without a free path.
+        idle: time steps since a path to the end of the task was found.
+        reactive_steps: time steps for which the reactive controller drives alone.
+        turn_to: heading to which a differential drive turns on the spot, radians; inf while it does not.
+        mode: what the car is doing.
+    """
+
+    reactive: RangingState
+    visited: LocalGrid
+    task: int
+    goal: tuple[float, float]
+    home: tuple[float, float]
+    explores: bool
+    returns: bool
+    frame: Place
+    path: Array
+    points: int = 0
+    at: int = 0
+    due: int = 0
+    direction: float = 1.0
+    stuck: int = 0
+    idle: int = 0
+    reactive_steps: int = 0
+    turn_to: float = math.inf
+    mode: int = SUPPRESSED
+
+
+@register
+class GoalControl(Controller):
+    """Drives to a goal, explores, and returns home, by paths planned in its local grid.
+
+    A few times a second a path is planned, ahead and backward, with arcs that the car can drive and its footprint
+    (`planning`). In between it is tracked by pure pursuit. If the arcs of the reactive controller are blocked, the car
+    stops, and after a second the reactive controller drives alone for another one.
+
+    Args:
+        rig, dt, params: as `Controller`.
+
+    Raises:
+        InputError: numbers out of range, or inputs that do not belong together.
+    """
+
+    name, Params, modes = "goal", GoalParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED)
+    has_goals = True
+    backend, checks_near = "numba", True
+
+    def __init__(self, rig: StereoRig, dt: float, params: GoalParams | None = None) -> None:
+        super().__init__(rig, dt, params)
+        p: GoalParams = self.params
+        self.dt, self.grid, self.planner, self.reactive = dt, p.grid, p.planner, RangingControl(rig, dt, p.reactive)
+        tables = ranging_tables(rig, p.reactive, self.reactive.view, dt, SEEN_THROUGH)
+        self.tables = self.reactive.tables = tables._replace(grid=tables.grid._replace(beam_left=0.0))
+        self.explores = p.explore or not (p.goal or p.return_home)
+        self.limits = SpeedLimits(
+            p.speed_m_per_s,
+            p.tight_speed_m_per_s,
+            p.unknown_speed_m_per_s,
+            p.reactive.reverse_speed_m_per_s,
+            p.deceleration_m_per_s2,
+        )
+        line = np.arange(-VISITED_M, VISITED_M, CELL_M, np.float32)
+        ahead, left = (part.ravel() for part in np.meshgrid(line, line))
+        inside = np.hypot(ahead, left) <= VISITED_M
+        self.disc = ahead[inside], left[inside]
+
+    @classmethod
+    def params_for(cls, task: Task) -> GoalParams:
+        """As `Controller.params_for`."""
+        slow, unknown = (min(v, task.speed) for v in (GoalParams.tight_speed_m_per_s, GoalParams.unknown_speed_m_per_s))
+        speeds = {"tight_speed_m_per_s": slow, "unknown_speed_m_per_s": unknown, "speed_m_per_s": task.speed}
+        return GoalParams(task.goal, task.explore, task.return_home, **speeds)
+
+    @property
+    def trace(self) -> Trace:
+        """How the free ways to both sides compare."""
+        return self.reactive.trace
+
+    @property
+    def fields(self) -> tuple[Rect, Rect]:
+        """As of `RangingControl`."""
+        return self.reactive.fields
+
+    def see(self, frames: Frames, state: Any = None) -> tuple[Any, Any]:
+        """As `RangingControl.see`."""
+        return self.reactive.see(frames, state)
+
+    def sides(self, seen: Any) -> Any:
+        """As `RangingControl.sides`."""
+        return self.reactive.sides(seen)
+
+    def start(self, seen: Any, pose: Pose) -> GoalState:
+        """The state of a car that stands at a pose, its home, and knows nothing."""
+        p, none = self.params, np.zeros((0, 0), np.float32)
+        state = GoalState(
+            reactive=self.reactive.start(seen, pose),
+            visited=empty_grid(pose.x, pose.y, self.grid) if self.explores else LocalGrid(none, none, none),
+            task=GOAL,
+            goal=(math.nan, math.nan) if p.goal is None else (float(p.goal[0]), float(p.goal[1])),
+            home=(pose.x, pose.y),
+            explores=self.explores,
+            returns=p.return_home,
+            frame=(0.0, 0.0, 0.0),
+            path=np.zeros((MAX_POINTS, 6), np.float32),
+        )
+        return state if p.goal is not None else next_task(state)
+
+    def step(
+        self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: GoalState
+    ) -> tuple[Command, GoalState]:
+        """Remember what is seen, plan where it is time to, follow the path, and listen to the reactive controller."""
+        check_sizes(state.reactive, self.reactive.sizes)
+        t, here, moved, noise = self.tables, tuple(pose), tuple(driven), state.reactive.floor.noise
+        lengths, reactive = remember(seen, (ranges.x, ranges.y, ranges.valid), here, moved, state.reactive, t)
+        speed, curvature, reactive = decide(lengths, here, moved, reactive, t)
+        state = state._replace(reactive=reactive, visited=self.visit(state, here))
+        learning = reactive.floor.age < t.floor.learning
+        reacts = learning or state.reactive_steps > 0
+        command = Command(speed, curvature)
+        if not learning:
+            command, state = self.drive(lengths, pose, command, state)
+        speed, curvature, reactive = limit(*map(float, command), state.reactive, lengths[0, 0], noise, t)
+        if reactive.mode == STOPPED and state.reactive.mode != STOPPED and state.mode != ARRIVED:
+            state = state._replace(mode=STOPPED)
+        command = Command(speed, curvature)
+        if self.reactive.spin is not None and reacts:
+            command, reactive = self.reactive.spun(command, reactive, pose)
+        return command, state._replace(reactive=reactive)
+
+    def visit(self, state: GoalState, here: Place) -> LocalGrid:
+        """The visited cells with those around the car."""
+        if not self.explores:
+            return state.visited
+        visited = move_grid(state.visited, here, CELL_M, 1.0)
+        visited.evidence.reshape(-1)[cells_at(here, *self.disc, self.grid)] = 1.0
+        return visited
+
+    def drive(self, lengths: Array, pose: Pose, reaction: Command, state: GoalState) -> tuple[Command, GoalState]:
+        """The command that the plan wants.
+
+        Args:
+            lengths: of the reactive arcs, `[2, A]`, m.
+            pose, reaction: where the car is, and what the reactive controller would do.
+        """
+        here: Place = (pose.x, pose.y, pose.heading)
+        goal, idle = self.task_goal(state), state.idle + 1
+        arrived = goal is not None and math.dist(goal, here[:2]) <= self.params.goal_tolerance_m
+        if arrived or (state.task == EXPLORE and idle > EXPLORED_S / self.dt):
+            state, idle = next_task(state), 0
+        if state.task == DONE:
+            return Command(0.0, 0.0), state._replace(mode=ARRIVED)
+        if state.reactive_steps > 0:
+            left = state.reactive_steps - 1
+            return reaction, state._replace(reactive_steps=left, idle=idle, due=0, mode=state.reactive.mode)
+        if abs(math.remainder(state.turn_to - here[2], math.tau) if state.turn_to < math.inf else 9.0) < SPIN_BELOW:
+            state = state._replace(turn_to=math.inf, due=0)
+        state = state._replace(idle=idle)
+        if state.due <= 0 and math.isinf(state.turn_to):
+            state = self.replan(state, here)
+        if math.isinf(state.turn_to):
+            command, state = self.follow(lengths, here, state)
+        else:
+            command, state = self.turn(pose, state)
+        # What the reactive controller was about does not matter while it does not drive.
+        state = state._replace(reactive=state.reactive._replace(mode=CRUISE, age=0, has_reversed=0))
+        if state.stuck * self.dt >= STUCK_S:
+            state = state._replace(stuck=0, turn_to=math.inf, reactive_steps=round(REACTIVE_S / self.dt))
+        return command, state
+
+    def follow(self, lengths: Array, here: Place, state: GoalState) -> tuple[Command, GoalState]:
+        """Track the path; the car stands where there is none or the reactive controller sees no room on it."""
+        p, path = self.params, state.path[: state.points]
+        most = CURVATURE_RATIO * self.planner.max_curvature_per_m
+        aim = pure_pursuit(path, state.at, here, p.lookahead_m, most)
+        if aim.direction == 0:
+            return Command(0.0, 0.0), state._replace(due=0, stuck=state.stuck + 1, mode=TURN)
+        # Room on the two arcs of the reactive controller that are nearest to the one that is wanted
+        arcs = self.tables.arcs
+        off = np.where(arcs.forward == aim.direction, np.abs(arcs.curvature - aim.curvature), np.inf)
+        safe = braking_speed(float(lengths[0, np.argsort(off)[:2]].max()), p.deceleration_m_per_s2, REACTION_S)
+        blocked = safe < MIN_SAFE_SPEED
+        speed = 0.0 if blocked else min(safe, tracking_speed(path, aim.at, here, p.deceleration_m_per_s2))
+        return Command(speed * aim.direction, aim.curvature), state._replace(
+            at=aim.at,
+            due=0 if blocked else state.due - 1,
+            direction=aim.direction,
+            stuck=state.stuck + 1 if blocked else 0,
+            mode=CRUISE if aim.direction > 0 else REVERSE,
+        )
+
+    def turn(self, pose: Pose, state: GoalState) -> tuple[Command, GoalState]:
+        """Turn on the spot towards the path; where there is no room the car stands."""
+        side = math.remainder(state.turn_to - pose.heading, math.tau)
+        command = self.reactive.turn_on_spot(state.reactive, pose, side)
+        stuck = state.stuck + 1 if command is None else 0
+        return command or Command(0.0, 0.0), state._replace(stuck=stuck, mode=TURN)
+
+    def replan(self, state: GoalState, here: Place) -> GoalState:
+        """The state with a new path."""
+        planner, goal, evidence = self.planner, self.task_goal(state), state.reactive.grid.evidence
+        cells, left, bottom = unrolled(evidence, here[0], here[1], self.grid)
+        around = LocalMap(cells >= BLOCKED, cells < -FREE_RATIO * BLOCKED, left, bottom, CELL_M)
+        if goal is None:
+            visited, _, _ = unrolled(state.visited.evidence, here[0], here[1], self.grid)
+            goals = planner.unvisited_costs(around, visited > 0)
+        else:
+            goals = goal_costs(around, goal)
+        at = min(state.at + 1, max(0, state.points - 1))
+        curvature = float(state.path[at, 3]) if state.points else 0.0
+        made = planner.plan(around, goals, here, curvature, state.direction, self.limits, goal is None)
+        points, turn_to = min(len(made.path), MAX_POINTS), math.inf
+        path = np.zeros((MAX_POINTS, 6), np.float32)
+        path[:points] = made.path[:points]
+        if self.params.body.spins and math.isfinite(made.cost):
+            heading = path_heading(made.to_go, around, here)
+            turn_to = heading if abs(math.remainder(heading - here[2], math.tau)) > SPIN_ABOVE else math.inf
+        return state._replace(
+            path=path,
+            points=points if points > 1 else 0,
+            at=0,
+            due=max(1, round(PLAN_INTERVAL_S / self.dt)),
+            idle=0 if math.isfinite(made.cost) else state.idle,
+            turn_to=turn_to,
+        )
+
+    def task_goal(self, state: GoalState) -> tuple[float, float] | None:
+        """The goal of the task in the frame of dead reckoning; None when exploring."""
+        if state.task in (EXPLORE, DONE):
+            return None
+        x, y = state.goal if state.task == GOAL else state.home
+        return to_frame(state.frame, x, y)
+
+    def on_pose(self, state: GoalState, pose: Pose, place: Pose) -> GoalState:
+        """As `Controller.on_pose`: goals are in the frame of the map, paths in that of dead reckoning."""
+        turned = pose.heading - place.heading
+        ahead, aside = to_frame((0.0, 0.0, turned), place.x, place.y)
+        return state._replace(frame=(pose.x - ahead, pose.y - aside, turned))
+
+    def on_goal(self, state: GoalState, goal: tuple[float, float]) -> GoalState:
+        """As `Controller.on_goal`."""
+        x, y = map(float, goal)
+        state = state._replace(task=GOAL, goal=(x, y), explores=False, returns=False, mode=CRUISE)
+        return state._replace(points=0, due=0, stuck=0, idle=0, turn_to=math.inf)
+
+    def on_near_obstacles(self, state: GoalState, pose: Pose, scan: ProximityScan) -> GoalState:
+        """As `RangingControl.on_near_obstacles`."""
+        return state._replace(reactive=self.reactive.on_near_obstacles(state.reactive, pose, scan))
+
+    def can_resume(self, state: GoalState) -> bool:
+        """As `RangingControl.can_resume`."""
+        return self.reactive.can_resume(state.reactive)
+
+    def status_message(self, state: GoalState) -> str | None:
+        """As `RangingControl.status_message`."""
+        return self.reactive.status_message(state.reactive)
+
+    def warm_up(self) -> None:
+        """Plan once, so that the searches are compiled."""
+        state = self.start(None, Pose(0.0, 0.0, 0.0))._replace(task=GOAL, goal=(1.0, 0.0))
+        self.replan(state, (0.0, 0.0, 0.0))
+
+    def mode(self, state: GoalState) -> int:
+        """What the car is doing; `TURN` is a search for a path, `ARRIVED` nothing left to do."""
+        return state.mode
+
+    def difference(self, state: GoalState) -> float:
+        """Length of the free arcs on the left minus the right, m."""
+        return state.reactive.difference
+
+
+def next_task(state: GoalState) -> GoalState:
+    """The state with the next task."""
+    tasks = (GOAL, EXPLORE if state.explores else DONE, HOME if state.returns else DONE, DONE)
+    task = next((task for task in tasks[state.task + 1 :] if task != DONE), DONE)
+    return state._replace(task=task, points=0, due=0, idle=0, turn_to=math.inf)
+
+
+def to_frame(frame: Place, x: float, y: float) -> tuple[float, float]:
+    """A point of a frame in the frame in which that one is given, m."""
+    left, bottom, turned = frame
+    cos, sin = math.cos(turned), math.sin(turned)
+    return left + cos * x - sin * y, bottom + sin * x + cos * y
+
+
+def path_heading(to_go: Array, around: LocalMap, here: Place) -> float:
+    """Heading from here to the point `SPIN_LOOK_M` down the costs of `dijkstra`, radians; NaN where they end here."""
+    start = row, column = tuple(int(n) for n in around.cells_of(here[0], here[1], COARSE))
+    for _ in range(round(SPIN_LOOK_M / (around.cell * COARSE))):
+        top, left = max(row - 1, 0), max(column - 1, 0)
+        beside = to_go[top : row + 2, left : column + 2]
+        down, aside = divmod(int(beside.argmin()), beside.shape[1])
+        row, column = top + down, left + aside
+    moved = row - start[0], column - start[1]
+    return math.atan2(*moved) if any(moved) else math.nan
