@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -166,7 +167,7 @@ def test_pure_pursuit_aims_at_the_point_so_far_along_the_path_and_straight_on_be
     points = [pose[:2], *(tuple(p) for p in PATH[1:4, :2].tolist() if p[0] > pose[0] + 0.02)]
     for ahead in (0.1, 0.3, 0.45, 0.8):
         aim, left = pure_pursuit(PATH, 0, pose, ahead, WIDE), ahead
-        for a, b in zip(points, points[1:], strict=False):
+        for a, b in pairwise(points):
             if left <= math.dist(a, b):
                 ratio = left / math.dist(a, b)
                 target = a[0] + ratio * (b[0] - a[0]), a[1] + ratio * (b[1] - a[1])

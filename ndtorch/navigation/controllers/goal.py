@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -324,9 +324,9 @@ class GoalControl(Controller):
         if state.reactive_steps > 0:
             left = state.reactive_steps - 1
             return reaction, state._replace(reactive_steps=left, idle=idle, due=0, mode=state.reactive.mode)
-        if abs(math.remainder(state.turn_to - here[2], math.tau) if state.turn_to < math.inf else 9.0) < SPIN_BELOW:
-            state = state._replace(turn_to=math.inf, due=0)
         state = state._replace(idle=idle)
+        if math.isfinite(state.turn_to) and abs(math.remainder(state.turn_to - here[2], math.tau)) < SPIN_BELOW:
+            state = state._replace(turn_to=math.inf, due=0)
         if state.due <= 0 and math.isinf(state.turn_to):
             state = self.replan(state, here)
         if math.isinf(state.turn_to):

@@ -127,7 +127,9 @@ class Planner:
 
     def __post_init__(self) -> None:
         if not self.inflation_radius_m > self.min_clearance_m:
-            raise InputError(f"inflation_radius_m must be above {self.min_clearance_m:.3g}, got {self.inflation_radius_m}")
+            raise InputError(
+                f"inflation_radius_m must be above {self.min_clearance_m:.3g}, got {self.inflation_radius_m}"
+            )
 
     @cached_property
     def centers(self) -> Floats:
@@ -150,7 +152,13 @@ class Planner:
         return 1 / max(self.body.min_turn_radius_m / SPARE_RADIUS_RATIO, self.body.length_m)
 
     def plan(
-        self, m: LocalMap, goals: Floats, pose: Place, curvature: float, direction: float, limits: SpeedLimits,
+        self,
+        m: LocalMap,
+        goals: Floats,
+        pose: Place,
+        curvature: float,
+        direction: float,
+        limits: SpeedLimits,
         exploring: bool = False,
     ) -> Plan:
         """The path of the next metres towards one of the goals.
