@@ -10,12 +10,21 @@ import pytest
 
 from ndtorch.navigation import Body
 from ndtorch.navigation.planning.path_tracking import MIN_SPEED, pure_pursuit, tracking_speed
-from ndtorch.navigation.planning.planner import LocalMap, Planner, SpeedLimits, clearance, goal_costs, hidden
+from ndtorch.navigation.planning.planner import (
+    MAX_REVERSE_SPEED,
+    LocalMap,
+    PlannerParams,
+    clearance,
+    goal_costs,
+    hidden,
+    plan,
+    speed_profile,
+    unvisited_costs,
+)
 
 CELL, SIDE = 0.05, 160
 BODY = Body()
-PLANNER = Planner(BODY)
-LIMITS = SpeedLimits(0.5, 0.35, 0.3, 0.2, 1.5)
+PARAMS = PlannerParams()
 HERE = (-2.0, 0.0, 0.0)
 
 
@@ -33,12 +42,12 @@ def world(*boxes):
     return LocalMap(blocked, ~blocked, -4.0, -4.0, CELL)
 
 
-def planned(around, goal, pose=HERE, planner=PLANNER):
-    return planner.plan(around, goal_costs(around, goal), pose, 0.0, 1.0, LIMITS)
+def planned(around, goal, pose=HERE, params=PARAMS):
+    return plan(params, around, goal_costs(around, goal), pose)
 
 
 def explored(around, visited, pose=HERE):
-    return PLANNER.plan(around, PLANNER.unvisited_costs(around, visited), pose, 0.0, 1.0, LIMITS, exploring=True)
+    return plan(PARAMS, around, unvisited_costs(PARAMS, around, visited), pose, exploring=True)
 
 
 def outline(path, body):
@@ -52,16 +61,16 @@ def outline(path, body):
 
 def test_the_discs_cover_the_body():
     x, y = np.meshgrid(np.linspace(-0.25, 0.25, 41), np.linspace(-0.18, 0.18, 31))
-    away = np.hypot(x[..., None] - PLANNER.centers, y[..., None]).min(-1)
-    assert away.max() == pytest.approx(PLANNER.radius_m, abs=1e-3)
+    away = np.hypot(x[..., None] - PARAMS.centers, y[..., None]).min(-1)
+    assert away.max() == pytest.approx(PARAMS.radius_m, abs=1e-3)
 
 
 def test_in_the_open_the_path_is_straight():
     made = planned(world(), (2.0, 0.0))
     assert made.cost == pytest.approx(4.0, abs=0.15)
     assert abs(made.path[:, 1]).max() < 0.02
-    assert made.path[-1, 0] >= -2.0 + PLANNER.horizon_m - 0.01
-    assert made.path[:, 5] == pytest.approx(LIMITS.cruise)
+    assert made.path[-1, 0] >= -2.0 + PARAMS.horizon_m - 0.01
+    assert made.path[:, 5] == pytest.approx(PARAMS.speed_m_per_s)
     beyond = planned(world(), (6.0, 0.0))
     assert beyond.path[-1, 0] == pytest.approx(made.path[-1, 0])
 
@@ -86,15 +95,15 @@ def test_a_gap_narrower_than_the_body_is_no_path():
 @pytest.mark.parametrize("radius", [0.3, 0.45, 0.6, 0.9])
 def test_a_car_backs_on_arcs_of_any_turning_radius_where_floor_was_seen(radius):
     """It stands before a wall, the goal is beside and behind it: it has to turn while it backs."""
-    planner = Planner(Body(min_turn_radius_m=radius))
+    params = PlannerParams(body=Body(min_turn_radius_m=radius))
     around = world((-1.55, -1.4, -4, 4))
-    made = planned(around, (-3.2, 1.6), planner=planner)
+    made = planned(around, (-3.2, 1.6), params=params)
     backward = made.path[made.path[:, 4] < 0]
     assert len(backward)
-    assert abs(backward[:, 3]).max() == pytest.approx(planner.max_curvature_per_m)
-    assert 1 / planner.max_curvature_per_m >= radius
+    assert abs(backward[:, 3]).max() == pytest.approx(params.max_curvature_per_m)
+    assert 1 / params.max_curvature_per_m >= radius
     unseen = around._replace(free=np.zeros_like(around.free))
-    assert (planned(unseen, (-3.2, 1.6), planner=planner).path[:, 4] == 1).all()
+    assert (planned(unseen, (-3.2, 1.6), params=params).path[:, 4] == 1).all()
 
 
 def test_clearance_is_the_distance_to_what_is_blocked():
@@ -201,17 +210,17 @@ def test_beyond_the_end_of_a_stretch_the_next_one_begins_and_beyond_the_last_non
 
 def test_speeds_are_those_that_can_be_braked_to_the_next_one():
     """v^2 = v'^2 + 2 a s from point to point, 0 where the direction changes, and slow into unknown cells."""
-    around, limits = world(), LIMITS._replace(deceleration=0.1)
+    around, params = world(), PlannerParams(deceleration_m_per_s2=0.1)
     clear = clearance(around.blocked, CELL)
     path = np.array([[v, 0.0, 0.0, 0.0, 1.0] for v in (0.0, 0.2, 0.5, 0.6, 0.5)], np.float32)
     path[4, 4] = -1.0
-    stop = PLANNER.speeds(path, around, clear, limits)
+    stop = speed_profile(params, path, around, clear)
     braked = [math.sqrt(0.2 * s) for s in (0.6, 0.4, 0.1)]
-    assert stop == pytest.approx([*braked, 0.0, limits.reverse], abs=1e-5)
+    assert stop == pytest.approx([*braked, 0.0, MAX_REVERSE_SPEED], abs=1e-5)
     around.free[box(1.2, 4.0, -4.0, 4.0)] = False
-    lead = PLANNER.centers[-1] + PLANNER.radius_m
+    lead = PARAMS.centers[-1] + PARAMS.radius_m
     path = np.array([[v - lead, 0.0, 0.0, 0.0, 1.0] for v in (0.6, 0.9, 1.3, 1.5)], np.float32)
-    slow = PLANNER.speeds(path, around, clear, limits)
+    slow = speed_profile(params, path, around, clear)
     before = math.sqrt(0.3**2 + 0.2 * 0.4)
     assert slow == pytest.approx([math.sqrt(before**2 + 0.2 * 0.3), before, 0.3, 0.3], abs=1e-5)
     there = tracking_speed(np.column_stack((path, slow)), 1, (1.0 - lead, 0.0, 0.0), 0.1)

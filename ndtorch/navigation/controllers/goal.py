@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ndtorch.arguments import check_numbers
-from ndtorch.errors import InputError
-from ndtorch.navigation.body import Body, braking_speed
+from ndtorch.navigation.body import braking_speed
 from ndtorch.navigation.controllers.contract import (
     ARRIVED,
     CRUISE,
@@ -31,7 +29,15 @@ from ndtorch.navigation.local_grid._kernels import Array, LocalGrid, move_grid
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid, unrolled
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.planning.path_tracking import pure_pursuit, tracking_speed
-from ndtorch.navigation.planning.planner import COARSE, LocalMap, Place, Planner, SpeedLimits, goal_costs
+from ndtorch.navigation.planning.planner import (
+    COARSE,
+    LocalMap,
+    Place,
+    PlannerParams,
+    goal_costs,
+    plan,
+    unvisited_costs,
+)
 from ndtorch.navigation.proximity import ProximityScan
 from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.ranging import Ranges
@@ -79,28 +85,17 @@ than the first angle, until it is nearer than the second."""
 
 
 @dataclass(frozen=True)
-class GoalParams:
-    """Parameters of the goal controller.
+class GoalParams(PlannerParams):
+    """Parameters of the goal controller, beside those of `PlannerParams`.
 
     Args:
         goal: Place to drive to, x and y in m in the frame of the pose; None for no goal.
         explore: The car then drives wherever it was not yet; it does so without any other task, too.
         return_home: The car then drives back to where it began.
         goal_tolerance_m: Distance within which a goal is reached.
-        speed_m_per_s: Speed where there is room.
-        tight_speed_m_per_s: Speed where it is tight.
-        unknown_speed_m_per_s: Speed into unknown cells.
-        deceleration_m_per_s2: Deceleration with which the car can brake.
         lookahead_m: Distance along the path at which pure pursuit aims.
-        safety_margin_m: Distance that is kept free around the body.
-        inflation_radius_m: Clearance from which on a path costs nothing more.
-        horizon_m: Length of a planned path.
-        clearance_cost: Extra cost of a metre without clearance, m.
-        obstacle_cost: Extra cost of a metre through obstacles, m.
-        reverse_cost_ratio: Cost of driving backward over that of driving ahead.
         memory_s: Time in which evidence of obstacles and floor falls to 1/e.
-        map_cells: Cells of 5 cm along each side of the local grid, a power of two.
-        body: Outline of the car.
+        map_cells: Number of cells of 5 cm along each side of the local grid, a power of two.
 
     Raises:
         InputError: A number is not positive.
@@ -110,25 +105,9 @@ class GoalParams:
     explore: bool = False
     return_home: bool = False
     goal_tolerance_m: float = 0.3
-    speed_m_per_s: float = 0.5
-    tight_speed_m_per_s: float = 0.35
-    unknown_speed_m_per_s: float = 0.3
-    deceleration_m_per_s2: float = 1.5
     lookahead_m: float = 0.3
-    safety_margin_m: float = 0.05
-    inflation_radius_m: float = 0.45
-    horizon_m: float = 2.6
-    clearance_cost: float = 1.5
-    obstacle_cost: float = 40.0
-    reverse_cost_ratio: float = 2.5
     memory_s: float = 300.0
     map_cells: int = 512
-    body: Body = field(default_factory=Body)
-
-    def __post_init__(self) -> None:
-        check_numbers(self, positive=vars(self))
-        if self.goal is not None and not (isinstance(self.goal, tuple | list) and len(self.goal) == 2):
-            raise InputError(f"goal must be x and y in metres, got {self.goal!r}")
 
     @property
     def grid(self) -> LocalGridParams:
@@ -138,22 +117,13 @@ class GoalParams:
     @property
     def reactive(self) -> RangingParams:
         """The reactive controller under the planner: a large memory that lasts, and less room."""
-        speed = min(RangingParams.speed_m_per_s, self.speed_m_per_s)
         return RangingParams(
-            speed, safety_margin_m=0.03, min_free_m=0.15, overhangs=False, body=self.body, grid=self.grid
-        )
-
-    @property
-    def planner(self) -> Planner:
-        """The planner."""
-        return Planner(
-            self.body,
-            self.safety_margin_m,
-            self.inflation_radius_m,
-            self.horizon_m,
-            self.clearance_cost,
-            self.obstacle_cost,
-            self.reverse_cost_ratio,
+            min(RangingParams.speed_m_per_s, self.speed_m_per_s),
+            safety_margin_m=0.03,
+            min_free_m=0.15,
+            overhangs=False,
+            body=self.body,
+            grid=self.grid,
         )
 
 
@@ -220,17 +190,10 @@ class GoalControl(Controller):
     def __init__(self, rig: StereoRig, dt: float, params: GoalParams | None = None) -> None:
         super().__init__(rig, dt, params)
         p: GoalParams = self.params
-        self.dt, self.grid, self.planner, self.reactive = dt, p.grid, p.planner, RangingControl(rig, dt, p.reactive)
+        self.dt, self.grid, self.reactive = dt, p.grid, RangingControl(rig, dt, p.reactive)
         tables = ranging_tables(rig, p.reactive, self.reactive.view, dt, SEEN_THROUGH)
         self.tables = self.reactive.tables = tables._replace(grid=tables.grid._replace(beam_left=0.0))
         self.explores = p.explore or not (p.goal or p.return_home)
-        self.limits = SpeedLimits(
-            p.speed_m_per_s,
-            p.tight_speed_m_per_s,
-            p.unknown_speed_m_per_s,
-            p.reactive.reverse_speed_m_per_s,
-            p.deceleration_m_per_s2,
-        )
         line = np.arange(-VISITED_M, VISITED_M, CELL_M, np.float32)
         ahead, left = (part.ravel() for part in np.meshgrid(line, line))
         inside = np.hypot(ahead, left) <= VISITED_M
@@ -239,9 +202,9 @@ class GoalControl(Controller):
     @classmethod
     def params_for(cls, task: Task) -> GoalParams:
         """As `Controller.params_for`."""
-        slow, unknown = (min(v, task.speed) for v in (GoalParams.tight_speed_m_per_s, GoalParams.unknown_speed_m_per_s))
-        speeds = {"tight_speed_m_per_s": slow, "unknown_speed_m_per_s": unknown, "speed_m_per_s": task.speed}
-        return GoalParams(task.goal, task.explore, task.return_home, **speeds)
+        names = "speed_m_per_s", "tight_speed_m_per_s", "unknown_speed_m_per_s"
+        speeds = {name: min(task.speed, getattr(cls.Params, name)) for name in names} | {names[0]: task.speed}
+        return GoalParams(**speeds, goal=task.goal, explore=task.explore, return_home=task.return_home)
 
     @property
     def trace(self) -> Trace:
@@ -342,7 +305,7 @@ class GoalControl(Controller):
     def follow(self, lengths: Array, here: Place, state: GoalState) -> tuple[Command, GoalState]:
         """Track the path; the car stands where there is none or the reactive controller sees no room on it."""
         p, path = self.params, state.path[: state.points]
-        most = CURVATURE_RATIO * self.planner.max_curvature_per_m
+        most = CURVATURE_RATIO * p.max_curvature_per_m
         aim = pure_pursuit(path, state.at, here, p.lookahead_m, most)
         if aim.direction == 0:
             return Command(0.0, 0.0), state._replace(due=0, stuck=state.stuck + 1, mode=TURN)
@@ -369,21 +332,21 @@ class GoalControl(Controller):
 
     def replan(self, state: GoalState, here: Place) -> GoalState:
         """The state with a new path."""
-        planner, goal, evidence = self.planner, self.task_goal(state), state.reactive.grid.evidence
+        p, goal, evidence = self.params, self.task_goal(state), state.reactive.grid.evidence
         cells, left, bottom = unrolled(evidence, here[0], here[1], self.grid)
         around = LocalMap(cells >= BLOCKED, cells < -FREE_RATIO * BLOCKED, left, bottom, CELL_M)
         if goal is None:
             visited, _, _ = unrolled(state.visited.evidence, here[0], here[1], self.grid)
-            goals = planner.unvisited_costs(around, visited > 0)
+            goals = unvisited_costs(p, around, visited > 0)
         else:
             goals = goal_costs(around, goal)
         at = min(state.at + 1, max(0, state.points - 1))
         curvature = float(state.path[at, 3]) if state.points else 0.0
-        made = planner.plan(around, goals, here, curvature, state.direction, self.limits, goal is None)
+        made = plan(p, around, goals, here, curvature, state.direction, exploring=goal is None)
         points, turn_to = min(len(made.path), MAX_POINTS), math.inf
         path = np.zeros((MAX_POINTS, 6), np.float32)
         path[:points] = made.path[:points]
-        if self.params.body.spins and math.isfinite(made.cost):
+        if p.body.spins and math.isfinite(made.cost):
             heading = path_heading(made.to_go, around, here)
             turn_to = heading if abs(math.remainder(heading - here[2], math.tau)) > SPIN_ABOVE else math.inf
         return state._replace(

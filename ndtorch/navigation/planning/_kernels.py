@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ndtorch.utils.jit import jit
 
 Floats = npt.NDArray[np.float32]
+Numbers = tuple[float, float, float, float, float]
 
 STEP_M, HEADINGS, NODE_M = 0.2, 24, 0.1
 """Length of the arcs of the lattice, number of its headings, and side of the squares in which nodes are the same."""
@@ -90,17 +91,6 @@ class Layers(NamedTuple):
     coarse: Frame
 
 
-class LatticeNumbers(NamedTuple):
-    """Length of a path, least clearance of the discs, clearance from which on nothing more is paid, m, and what the
-    least clearance and driving backward cost."""
-
-    horizon: float
-    min_clearance: float
-    inflation_radius: float
-    clearance_cost: float
-    reverse_cost_ratio: float
-
-
 @jit
 def cell_value(grid: Floats, x: float, y: float, frame: Frame) -> float:
     """The value of the cell that holds a point; -1 outside."""
@@ -119,7 +109,7 @@ def footprint_clearance(clearance: Floats, x: float, y: float, heading: float, c
 
 
 @jit
-def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Floats, p: LatticeNumbers) -> Floats:
+def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Floats, numbers: Numbers) -> Floats:
     """The best path for a car that cannot turn on the spot, on a lattice of arcs, over the horizon.
 
     Args:
@@ -127,11 +117,14 @@ def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Fl
         start: x, y, heading, curvature and direction (+1 or -1) of the car.
         curvatures: of the arcs, 1/m; backward the straight and the tightest ones are driven.
         centers: of the discs of the footprint, along the body, m.
+        numbers: length of a path, least clearance of the discs, clearance from which on nothing more is paid, m; what a
+            metre at the least clearance costs more, and the ratio for one backward.
 
     Returns:
         `[n, 5]`: x, y, heading, curvature driven to there, direction; the first row is the start. One row: no path.
     """
-    frame, tightest, reach = layers.frame, np.abs(curvatures).max(), p.horizon + 1.0
+    horizon, min_clearance, inflation_radius, clearance_cost, reverse_cost_ratio = numbers
+    frame, tightest, reach = layers.frame, np.abs(curvatures).max(), horizon + 1.0
     side = int(2 * reach / NODE_M) + 1
     visited = np.full((side, side, HEADINGS, 2), np.inf, np.float32)
     node, parent = np.empty((MAX_NODES, 5), np.float32), np.empty(MAX_NODES, np.int64)
@@ -145,7 +138,7 @@ def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Fl
         to_go = cell_value(layers.to_go, x, y, layers.coarse)
         if driven[n] > 0.35 and to_go >= 0 and to_go + 0.3 * cost[n] < best_value:
             best, best_value = n, to_go + 0.3 * cost[n]
-        if to_go >= 0 and (driven[n] >= p.horizon or to_go < 0.15) and direction > 0:
+        if to_go >= 0 and (driven[n] >= horizon or to_go < 0.15) and direction > 0:
             end = n
             break
         for backward in range(2):
@@ -163,20 +156,20 @@ def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Fl
                     footprint_clearance(layers.clearance, nx, ny, new_heading, centers, frame),
                 )
                 leaves = driven[n] < EXIT_M and clearance >= first_clearance and clearance > 0
-                if clearance < p.min_clearance and not leaves:
+                if clearance < min_clearance and not leaves:
                     continue
                 if backward and cell_value(layers.unknown, nx, ny, frame) > 0:
                     continue
                 h = cell_value(layers.to_go, nx, ny, layers.coarse)
                 if h < 0 or h == np.inf:
                     continue
-                lack = (p.inflation_radius - clearance) / (p.inflation_radius - p.min_clearance)
-                price = 1.0 + CURVATURE_COST * abs(bend) + p.clearance_cost * max(lack, 0.0)
+                lack = (inflation_radius - clearance) / (inflation_radius - min_clearance)
+                price = 1.0 + CURVATURE_COST * abs(bend) + clearance_cost * max(lack, 0.0)
                 nose_x, nose_y = nx + NOSE_M * math.cos(new_heading), ny + NOSE_M * math.sin(new_heading)
                 if cell_value(layers.unknown, nose_x, nose_y, frame) > 0:
                     price += UNKNOWN_COST
                 if backward:
-                    price *= p.reverse_cost_ratio
+                    price *= reverse_cost_ratio
                 g = cost[n] + price * STEP_M + CURVATURE_CHANGE_COST * abs(bend - curvature)
                 if to != direction:
                     g += DIRECTION_CHANGE_COST

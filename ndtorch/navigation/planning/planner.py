@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body
-from ndtorch.navigation.planning._kernels import (
-    UNKNOWN_COST,
-    Floats,
-    Frame,
-    LatticeNumbers,
-    Layers,
-    dijkstra,
-    lattice_astar,
-)
+from ndtorch.navigation.planning._kernels import UNKNOWN_COST, Floats, Frame, Layers, dijkstra, lattice_astar
 
 Bools = npt.NDArray[np.bool_]
 Place = tuple[float, float, float]
@@ -40,6 +32,9 @@ NARROW_M = 0.03
 
 LETHAL_M = 0.12
 """Exploring, no path has less clearance than this."""
+
+MAX_REVERSE_SPEED = 0.3
+"""m/s."""
 
 DISCS = 4
 """Number of discs that cover the body."""
@@ -90,146 +85,141 @@ class Plan(NamedTuple):
     to_go: Floats
 
 
-class SpeedLimits(NamedTuple):
-    """Speeds where there is room, where it is tight, into unknown cells, and backward, m/s, and deceleration, m/s^2."""
-
-    cruise: float
-    tight: float
-    unknown: float
-    reverse: float
-    deceleration: float
-
-
 @dataclass(frozen=True)
-class Planner:
-    """Plans paths of a body. A cost is a length: of a metre more, where nothing else is said.
+class PlannerParams:
+    """Parameters of paths and of the speeds along them. Costs are in metres.
 
     Args:
-        body: outline and tightest turn.
-        safety_margin_m: distance that is kept free around the body.
-        inflation_radius_m: clearance of the middle line of the body from which on a path costs nothing more.
-        horizon_m: length of a path.
-        clearance_cost: a metre costs up to this much more below the inflation radius.
-        obstacle_cost: a metre through obstacles costs this much more if no other path leads to the goal.
-        reverse_cost_ratio: driving backward costs this many times as much.
+        speed_m_per_s: Speed where there is room.
+        tight_speed_m_per_s: Speed where it is tight.
+        unknown_speed_m_per_s: Speed into unknown cells.
+        deceleration_m_per_s2: Deceleration with which the car can brake.
+        safety_margin_m: Distance that is kept free around the body.
+        inflation_radius_m: Clearance of the middle line of the body from which on a path costs nothing more.
+        horizon_m: Length of a path.
+        clearance_cost: Extra cost of a metre without clearance.
+        obstacle_cost: Extra cost of a metre through obstacles, where no other path leads to the goal.
+        reverse_cost_ratio: Cost of driving backward over that of driving ahead.
+        body: Outline and tightest turn of the car.
 
     Raises:
-        InputError: the inflation radius lies within the body.
+        InputError: A number is not positive, or the inflation radius lies within the body.
     """
 
-    body: Body
+    speed_m_per_s: float = 0.5
+    tight_speed_m_per_s: float = 0.35
+    unknown_speed_m_per_s: float = 0.3
+    deceleration_m_per_s2: float = 1.5
     safety_margin_m: float = 0.05
     inflation_radius_m: float = 0.45
     horizon_m: float = 2.6
     clearance_cost: float = 1.5
     obstacle_cost: float = 40.0
     reverse_cost_ratio: float = 2.5
+    body: Body = field(default_factory=Body)
 
     def __post_init__(self) -> None:
+        check_numbers(self, positive=vars(self))
         if not self.inflation_radius_m > self.min_clearance_m:
-            raise InputError(
-                f"inflation_radius_m must be above {self.min_clearance_m:.3g}, got {self.inflation_radius_m}"
-            )
+            raise InputError(f"inflation_radius_m must be above {self.min_clearance_m:.3g} m, got {self}")
 
-    @cached_property
+    @property
     def centers(self) -> Floats:
         """Centres of the discs that cover the body, along it, m."""
         return ((np.arange(DISCS, dtype=np.float32) + 0.5) / DISCS - 0.5) * np.float32(self.body.length_m)
 
-    @cached_property
+    @property
     def radius_m(self) -> float:
         """Radius of these discs."""
         return math.hypot(self.body.length_m / (2 * DISCS), self.body.width_m / 2)
 
-    @cached_property
+    @property
     def min_clearance_m(self) -> float:
         """Clearance that their centres keep."""
         return self.radius_m + self.safety_margin_m
 
-    @cached_property
+    @property
     def max_curvature_per_m(self) -> float:
         """Curvature of the tightest arc that is planned."""
         return 1 / max(self.body.min_turn_radius_m / SPARE_RADIUS_RATIO, self.body.length_m)
 
-    def plan(
-        self,
-        m: LocalMap,
-        goals: Floats,
-        pose: Place,
-        curvature: float,
-        direction: float,
-        limits: SpeedLimits,
-        exploring: bool = False,
-    ) -> Plan:
-        """The path of the next metres towards one of the goals.
 
-        Args:
-            m: the local map.
-            goals: cost of ending in each coarse cell, see `goal_costs` and `unvisited_costs`.
-            pose: of the car.
-            curvature, direction: that it drives, 1/m and +1 or -1.
-            limits: of the speeds along the path.
-            exploring: no path leads through obstacles.
-        """
-        clear = clearance(m.blocked if exploring else hidden(m), m.cell)
-        cost = self.costmap(clear, m.unknown, exploring)
-        side, (row, column) = m.cell * COARSE, m.cells_of(pose[0], pose[1], COARSE)
-        index = int(row * cost.shape[1] + column)
-        to_go = dijkstra(cost, goals, side, index, 2.0 * self.horizon_m + 2.0)
-        start = np.array((*pose, curvature, direction), np.float32)
-        if not math.isfinite(to_go[row, column]):
-            return Plan(np.append(start, np.float32(0.0))[None], math.inf, to_go)
-        frames = Frame(m.left, m.bottom, m.cell), Frame(m.left, m.bottom, side)
-        layers, tight = Layers(clear, m.unknown.astype(np.float32), to_go, *frames), self.max_curvature_per_m
-        numbers = LatticeNumbers(
-            self.horizon_m, self.min_clearance_m, self.inflation_radius_m, self.clearance_cost, self.reverse_cost_ratio
-        )
-        curvatures = np.array((0.0, tight / 2, -tight / 2, tight, -tight), np.float32)
-        path = lattice_astar(layers, start, curvatures, self.centers, numbers)
-        speeds = self.speeds(path, m, clear, limits)
-        return Plan(np.column_stack((path, speeds)).astype(np.float32), float(to_go[row, column]), to_go)
+def plan(
+    p: PlannerParams,
+    m: LocalMap,
+    goals: Floats,
+    pose: Place,
+    curvature: float = 0.0,
+    direction: float = 1.0,
+    exploring: bool = False,
+) -> Plan:
+    """The path of the next metres towards one of the goals.
 
-    def costmap(self, clear: Floats, unknown: Bools, exploring: bool = False) -> Floats:
-        """Cost of a metre in each coarse cell.
+    Args:
+        m: the local map.
+        goals: cost of ending in each coarse cell, see `goal_costs` and `unvisited_costs`.
+        pose: of the car.
+        curvature, direction: that it drives, 1/m and +1 or -1.
+        exploring: no path leads through obstacles.
+    """
+    clear = clearance(m.blocked if exploring else hidden(m), m.cell)
+    side, (row, column) = m.cell * COARSE, m.cells_of(pose[0], pose[1], COARSE)
+    cost = costmap(p, clear, m.unknown, exploring)
+    to_go = dijkstra(cost, goals, side, int(row * cost.shape[1] + column), 2.0 * p.horizon_m + 2.0)
+    start = np.array((*pose, curvature, direction), np.float32)
+    if not math.isfinite(to_go[row, column]):
+        return Plan(np.append(start, np.float32(0.0))[None], math.inf, to_go)
+    frames = Frame(m.left, m.bottom, m.cell), Frame(m.left, m.bottom, side)
+    layers, tight = Layers(clear, m.unknown.astype(np.float32), to_go, *frames), p.max_curvature_per_m
+    curvatures = np.array((0.0, tight / 2, -tight / 2, tight, -tight), np.float32)
+    numbers = p.horizon_m, p.min_clearance_m, p.inflation_radius_m, p.clearance_cost, p.reverse_cost_ratio
+    path = lattice_astar(layers, start, curvatures, p.centers, tuple(map(float, numbers)))
+    path = np.column_stack((path, speed_profile(p, path, m, clear))).astype(np.float32)
+    return Plan(path, float(to_go[row, column]), to_go)
 
-        Args:
-            clear: `clearance`.
-            unknown: cells.
-            exploring: a path costs inf through obstacles, except in gaps that seem a little too narrow: a few cells
-                more or less decide about a door.
-        """
-        near = downscale(clear)
-        lack = (self.inflation_radius_m - near) / (self.inflation_radius_m - self.min_clearance_m)
-        cost = 1.0 + self.clearance_cost * np.clip(lack, 0.0, 1.0) + UNKNOWN_COST * (downscale(~unknown) < 0.5)
-        cost += self.obstacle_cost * (near < self.min_clearance_m - NARROW_M)
-        return np.where(exploring & (near < LETHAL_M), np.inf, cost).astype(np.float32)
 
-    def unvisited_costs(self, m: LocalMap, visited: Bools) -> Floats:
-        """Cost of ending in each coarse cell when exploring: 0 on floor that was seen and not visited, else inf."""
-        fits = m.free & ~visited & (clearance(m.blocked, m.cell) > self.min_clearance_m)
-        # Lone cells are false: a goal is three cells wide.
-        return downscale(np.where(opened(fits), np.float32(0.0), np.float32(np.inf)))
+def costmap(p: PlannerParams, clear: Floats, unknown: Bools, exploring: bool = False) -> Floats:
+    """Cost of a metre in each coarse cell.
 
-    def speeds(self, path: Floats, m: LocalMap, clear: Floats, limits: SpeedLimits) -> Floats:
-        """The speed at each point of a path `[n, 5]`, m/s: lower where it is tight and into unknown cells, 0 where the
-        direction changes, and no higher than from where the car can brake to the speed of the next point."""
-        x, y, heading, _, direction = path.astype(np.float64).T
-        cos, sin = np.cos(heading), np.sin(heading)
-        along = [m.cells_of(x + d * cos, y + d * sin) for d in self.centers.tolist()]
-        room = np.min([clear[cells] for cells in along], 0)
-        ratio = (room - self.min_clearance_m) / (self.inflation_radius_m - self.min_clearance_m)
-        speeds = limits.tight + max(0.0, limits.cruise - limits.tight) * ratio.clip(0.0, 1.0)
-        # Single unknown cells do not count.
-        wide = opened(m.unknown)
-        lead = direction * (self.centers[-1] + self.radius_m)
-        unknown = wide[m.cells_of(x + lead * cos, y + lead * sin)]
-        speeds = np.where(unknown, np.minimum(speeds, limits.unknown), speeds)
-        speeds = np.where(direction < 0, np.minimum(speeds, limits.reverse), speeds)
-        speeds[:-1][direction[1:] != direction[:-1]] = 0.0
-        lengths = np.hypot(np.diff(x), np.diff(y))
-        for n in range(len(path) - 2, -1, -1):
-            speeds[n] = min(speeds[n], math.sqrt(speeds[n + 1] ** 2 + 2 * limits.deceleration * lengths[n]))
-        return speeds.astype(np.float32)
+    Args:
+        clear: `clearance`.
+        unknown: cells.
+        exploring: a path costs inf through obstacles, except in gaps that seem a little too narrow: a few cells more
+            or less decide about a door.
+    """
+    near = downscale(clear)
+    lack = (p.inflation_radius_m - near) / (p.inflation_radius_m - p.min_clearance_m)
+    cost = 1.0 + p.clearance_cost * np.clip(lack, 0.0, 1.0) + UNKNOWN_COST * (downscale(~unknown) < 0.5)
+    cost += p.obstacle_cost * (near < p.min_clearance_m - NARROW_M)
+    return np.where(exploring & (near < LETHAL_M), np.inf, cost).astype(np.float32)
+
+
+def unvisited_costs(p: PlannerParams, m: LocalMap, visited: Bools) -> Floats:
+    """Cost of ending in each coarse cell when exploring: 0 on floor that was seen and not visited, else inf."""
+    fits = m.free & ~visited & (clearance(m.blocked, m.cell) > p.min_clearance_m)
+    # Lone cells are false: a goal is three cells wide.
+    return downscale(np.where(opened(fits), np.float32(0.0), np.float32(np.inf)))
+
+
+def speed_profile(p: PlannerParams, path: Floats, m: LocalMap, clear: Floats) -> Floats:
+    """The speed at each point of a path `[n, 5]`, m/s: lower where it is tight and into unknown cells, 0 where the
+    direction changes, and no higher than from where the car can brake to the speed of the next point."""
+    x, y, heading, _, direction = path.astype(np.float64).T
+    cos, sin = np.cos(heading), np.sin(heading)
+    along = [m.cells_of(x + d * cos, y + d * sin) for d in p.centers.tolist()]
+    ratio = np.min([clear[cells] for cells in along], 0) - p.min_clearance_m
+    ratio = (ratio / (p.inflation_radius_m - p.min_clearance_m)).clip(0.0, 1.0)
+    speeds = p.tight_speed_m_per_s + max(0.0, p.speed_m_per_s - p.tight_speed_m_per_s) * ratio
+    lead = direction * (p.centers[-1] + p.radius_m)
+    # Single unknown cells do not count.
+    unknown = opened(m.unknown)[m.cells_of(x + lead * cos, y + lead * sin)]
+    speeds = np.where(unknown, np.minimum(speeds, p.unknown_speed_m_per_s), speeds)
+    speeds = np.where(direction < 0, np.minimum(speeds, MAX_REVERSE_SPEED), speeds)
+    speeds[:-1][direction[1:] != direction[:-1]] = 0.0
+    lengths = np.hypot(np.diff(x), np.diff(y))
+    for n in range(len(path) - 2, -1, -1):
+        speeds[n] = min(speeds[n], math.sqrt(speeds[n + 1] ** 2 + 2 * p.deceleration_m_per_s2 * lengths[n]))
+    return speeds.astype(np.float32)
 
 
 def clearance(blocked: Bools, cell: float) -> Floats:

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from ndtorch.navigation import Pose
 from ndtorch.navigation.body import Body
 from ndtorch.navigation.local_grid._kernels import cell_index, free_distances, move_grid
-from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid
-from ndtorch.navigation.local_grid.motion_primitives import motion_primitives
+from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid, motion_primitives
 
 PARAMS = LocalGridParams(cell_m=0.1, size_cells=32)
 

@@ -54,8 +54,7 @@ from ndtorch.navigation.local_grid._kernels import (
     costs,
     free_distances,
 )
-from ndtorch.navigation.local_grid.grid import empty_grid, empty_path, mark_obstacles, mark_stop
-from ndtorch.navigation.local_grid.motion_primitives import motion_primitives
+from ndtorch.navigation.local_grid.grid import empty_grid, empty_path, mark_obstacles, mark_stop, motion_primitives
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.proximity import Obstacles, ProximityScan
 from ndtorch.navigation.stereo._kernels import Array, Frames, packed
