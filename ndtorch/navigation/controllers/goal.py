@@ -194,7 +194,7 @@ class GoalControl(Controller):
         tables = ranging_tables(rig, p.reactive, self.reactive.view, dt, SEEN_THROUGH)
         self.tables = self.reactive.tables = tables._replace(grid=tables.grid._replace(beam_left=0.0))
         self.explores = p.explore or not (p.goal or p.return_home)
-        line = np.arange(-VISITED_M, VISITED_M, CELL_M, np.float32)
+        line = np.arange(-VISITED_M, VISITED_M, CELL_M)
         ahead, left = (part.ravel() for part in np.meshgrid(line, line))
         inside = np.hypot(ahead, left) <= VISITED_M
         self.disc = ahead[inside], left[inside]

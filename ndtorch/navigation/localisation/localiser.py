@@ -159,7 +159,7 @@ class Localiser:
     def __call__(self, rows: Tensor | None, reckoned: Pose, state: LocaliserState | None = None) -> LocaliserState:
         due = self.due(state)
         if np.ndim(reckoned.x) or (due and (rows is None or rows.ndim != 2)):
-            raise InputError(f"expected one pose and rows [2, W], got {np.shape(reckoned.x)} and {np.shape(rows)}")
+            raise InputError(f"expected one pose and rows [2, W], got {np.shape(reckoned.x)} and {rows}")
         pose = np.array([float(part) for part in reckoned])
         if not np.isfinite(pose).all():
             raise InputError(f"reckoned must be finite, got {reckoned}")

@@ -101,7 +101,8 @@ def along_arc(pose: Floats, motion: Floats) -> Floats:
     """A pose `[3]` after a distance and a turn; the chord of the arc is taken for its length."""
     distance, turn = motion.tolist()
     middle = pose[2] + turn / 2
-    return pose + np.array((distance * math.cos(middle), distance * math.sin(middle), turn))
+    step: Floats = np.array((distance * math.cos(middle), distance * math.sin(middle), turn))
+    return pose + step
 
 
 def visual_motion(state: OdometryState, rows: Cells, rig: StereoRig) -> Motion | None:
@@ -114,7 +115,8 @@ def visual_motion(state: OdometryState, rows: Cells, rig: StereoRig) -> Motion |
     if match.inliers < max(MIN_INLIERS, MIN_INLIER_RATIO * match.matches) or match.error > MAX_ERROR:
         return None
     information = np.array(((match.dd, match.dt), (match.dt, match.tt))) + 1e-3 * np.eye(2)
-    return Motion(np.array((match.distance, match.turn)), np.linalg.inv(information) + np.diag(MIN_SIGMA**2))
+    covariance: Floats = np.linalg.inv(information).astype(np.float64) + np.diag(MIN_SIGMA**2)
+    return Motion(np.array((match.distance, match.turn)), covariance)
 
 
 def fuse(state: OdometryState, visual: Motion | None) -> tuple[OdometryState, Floats]:

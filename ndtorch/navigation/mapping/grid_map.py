@@ -200,8 +200,8 @@ class GridMap(nn.Module):
         x, y, change = self.sight(ranges)
         row, column = grid.find(*to_world(at, x, y))
         for t in range(row.shape[-3]):  # frame by frame, because no frame may take a cell over the limit
-            frame = (part[..., t, :, :].flatten(-2) for part in (row, column, change))
-            tiles = add_at(tiles, *frame, self.odds.limit)
+            at_row, at_column, now = (part[..., t, :, :].flatten(-2) for part in (row, column, change))
+            tiles = add_at(tiles, at_row, at_column, now, self.odds.limit)
         return GridMapState(tiles)
 
     def sight(self, ranges: Ranges) -> tuple[Tensor, Tensor, Tensor]:

@@ -189,4 +189,5 @@ def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Fl
     while parent[n] >= 0:
         n = parent[n]
         chain.append(n)
-    return node[np.array(chain[::-1])]
+    path: Floats = node[np.array(chain[::-1])]
+    return path

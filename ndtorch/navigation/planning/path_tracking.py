@@ -67,4 +67,4 @@ def tracking_speed(path: Floats, at: int, pose: tuple[float, float, float], dece
     """The speed between a point of the path and the next one: what can be braked to the speed there, m/s."""
     end = path[at + 1].tolist()
     braked = math.sqrt(end[5] ** 2 + 2 * deceleration * math.hypot(end[0] - pose[0], end[1] - pose[1]))
-    return max(MIN_SPEED, min(max(float(path[at, 5]), end[5]), braked))
+    return float(max(MIN_SPEED, min(max(float(path[at, 5]), end[5]), braked)))

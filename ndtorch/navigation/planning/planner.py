@@ -126,7 +126,7 @@ class PlannerParams:
     @property
     def centers(self) -> Floats:
         """Centres of the discs that cover the body, along it, m."""
-        return ((np.arange(DISCS, dtype=np.float32) + 0.5) / DISCS - 0.5) * np.float32(self.body.length_m)
+        return (((np.arange(DISCS) + 0.5) / DISCS - 0.5) * self.body.length_m).astype(np.float32)
 
     @property
     def radius_m(self) -> float:
@@ -219,7 +219,7 @@ def speed_profile(p: PlannerParams, path: Floats, m: LocalMap, clear: Floats) ->
     lengths = np.hypot(np.diff(x), np.diff(y))
     for n in range(len(path) - 2, -1, -1):
         speeds[n] = min(speeds[n], math.sqrt(speeds[n + 1] ** 2 + 2 * p.deceleration_m_per_s2 * lengths[n]))
-    return speeds.astype(np.float32)
+    return np.asarray(speeds, np.float32)
 
 
 def clearance(blocked: Bools, cell: float) -> Floats:
@@ -247,7 +247,7 @@ def downscale(values: npt.NDArray[np.generic]) -> Floats:
     """The minimum of each square of `COARSE` x `COARSE` cells."""
     rows, columns = (n // COARSE * COARSE for n in values.shape)
     rows_of_two = np.minimum(values[:rows:COARSE], values[1:rows:COARSE])
-    return np.minimum(rows_of_two[:, :columns:COARSE], rows_of_two[:, 1:columns:COARSE]).astype(np.float32)
+    return np.asarray(np.minimum(rows_of_two[:, :columns:COARSE], rows_of_two[:, 1:columns:COARSE]), np.float32)
 
 
 def goal_costs(m: LocalMap, place: tuple[float, float]) -> Floats:
