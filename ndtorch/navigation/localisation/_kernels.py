@@ -130,7 +130,7 @@ MAX_DIFFERENCE = 0.05
 """Mean absolute difference of a match, for intensities 0..1, at most."""
 
 UNIQUENESS_RATIO, NEIGHBOURS_PX = 0.8, 2
-"""A match must differ by less than this share of the best one farther away than the neighbours."""
+"""A match must differ by less than this ratio of the best one farther away than the neighbours."""
 
 COLUMN_SIGMA_PX, DISPARITY_SIGMA_PX = 0.39, 0.3
 """Standard deviations of the column and of the disparity of a point."""
@@ -178,24 +178,20 @@ def row_visual_odometry(
         x, y: points in the body frame of the first rows, m, `[n]`.
         predicted: distance and turn, m and radians.
     """
-    columns = np.full((len(x), 2), -1.0)
-    find_columns(before, rows, x, y, predicted, stereo, columns)
+    columns = find_columns(before, rows, x, y, predicted, stereo)
     distance, turn = predicted
     dd = dt = tt = error = 0.0
     inliers = 0
     for step in range(MOTION_ITERATIONS):
         dd = dt = tt = gd = gt = squares = 0.0
         inliers = 0
-        cos, sin, ch, sh = math.cos(turn), math.sin(turn), math.cos(turn / 2), math.sin(turn / 2)
+        cos, sin = math.cos(turn / 2), math.sin(turn / 2)
         limit = MOTION_GATE * (GATE_FACTORS[step] if step < len(GATE_FACTORS) else 1.0)
         for k in range(len(x)):
-            ax, ay = x[k] - distance * ch, y[k] - distance * sh
-            ahead, left = cos * ax + sin * ay - stereo.forward, cos * ay - sin * ax
+            ahead, left = from_camera(x[k], y[k], distance, turn, stereo.forward)
             if ahead <= 0:
                 continue
-            ahead_d, left_d = -(cos * ch + sin * sh), sin * ch - cos * sh
-            ahead_t = left + distance * (cos * sh - sin * ch) / 2
-            left_t = -ahead - stereo.forward - distance * (sin * sh + cos * ch) / 2
+            ahead_t, left_t = left - distance * sin / 2, -ahead - stereo.forward - distance * cos / 2
             for camera in range(2):
                 if columns[k, camera] < 0:
                     continue
@@ -203,21 +199,17 @@ def row_visual_odometry(
                 old, new = (y[k] - side) / (x[k] - stereo.forward), (left - side) / ahead
                 # The shift that the turn does not explain comes from the distance, and is as uncertain as the range.
                 by_distance = abs(stereo.focal * (old - new) - stereo.focal * turn * (1 + old * old))
-                share = by_distance * (x[k] - stereo.forward) / (stereo.focal * stereo.baseline)
-                variance = COLUMN_SIGMA_PX * COLUMN_SIGMA_PX + (DISPARITY_SIGMA_PX * share) ** 2
-                by_d = -stereo.focal * (left_d - new * ahead_d) / ahead
+                ratio = by_distance * (x[k] - stereo.forward) / (stereo.focal * stereo.baseline)
+                variance = COLUMN_SIGMA_PX**2 + (DISPARITY_SIGMA_PX * ratio) ** 2
+                by_d = -stereo.focal * (sin + new * cos) / ahead
                 by_t = -stereo.focal * (left_t - new * ahead_t) / ahead
                 off = columns[k, camera] - (stereo.center - stereo.focal * new)
                 square = off * off / variance
                 weight = 1 / variance / (1 + square / limit) ** 2
-                dd += weight * by_d * by_d
-                dt += weight * by_d * by_t
-                tt += weight * by_t * by_t
-                gd += weight * by_d * off
-                gt += weight * by_t * off
+                dd, dt, tt = dd + weight * by_d * by_d, dt + weight * by_d * by_t, tt + weight * by_t * by_t
+                gd, gt = gd + weight * by_d * off, gt + weight * by_t * off
                 if square < limit:
-                    inliers += 1
-                    squares += square
+                    inliers, squares = inliers + 1, squares + square
         if inliers < 2:
             break
         determinant = (dd + 1e-6) * (tt + 1e-6) - dt * dt
@@ -228,53 +220,40 @@ def row_visual_odometry(
 
 
 @jit
+def from_camera(x: float, y: float, distance: float, turn: float, forward: float) -> tuple[float, float]:
+    """A point of the body frame as it is ahead and left of the middle of the cameras after an arc."""
+    x, y = x - distance * math.cos(turn / 2), y - distance * math.sin(turn / 2)
+    return math.cos(turn) * x + math.sin(turn) * y - forward, math.cos(turn) * y - math.sin(turn) * x
+
+
+@jit
 def find_columns(
-    before: Cells, rows: Cells, x: Floats, y: Floats, predicted: tuple[float, float], stereo: Stereo, columns: Floats
-) -> None:
-    """Fill `columns` `[n, 2]` with the present column of every point in either camera; -1 if it is not found."""
-    distance, turn = predicted
-    width, size = rows.shape[1], 2 * PATCH_HALF_PX + 1
-    cos, sin = math.cos(turn), math.sin(turn)
-    tx, ty = distance * math.cos(turn / 2), distance * math.sin(turn / 2)
-    cost, window = np.empty(2 * SEARCH_PX + 1), np.empty(size)
+    before: Cells, rows: Cells, x: Floats, y: Floats, predicted: tuple[float, float], stereo: Stereo
+) -> Floats:
+    """The present column of every point in either camera, `[n, 2]`; -1 if it is not found."""
+    columns, cost, size = np.full((len(x), 2), -1.0), np.empty(2 * SEARCH_PX + 1), 2 * PATCH_HALF_PX + 1
     for k in range(len(x)):
-        ahead = cos * (x[k] - tx) + sin * (y[k] - ty) - stereo.forward
-        left = cos * (y[k] - ty) - sin * (x[k] - tx)
+        ahead, left = from_camera(x[k], y[k], predicted[0], predicted[1], stereo.forward)
         if ahead <= 0:
             continue
         for camera in range(2):
             side = stereo.baseline / 2 if camera == 0 else -stereo.baseline / 2
             old = stereo.center - stereo.focal * (y[k] - side) / (x[k] - stereo.forward)
-            first = math.floor(old + 0.5)
-            start = math.floor(stereo.center - stereo.focal * (left - side) / ahead + first - old + 0.5)
-            if min(first, start - SEARCH_PX) < PATCH_HALF_PX:
+            first = math.floor(old + 0.5) - PATCH_HALF_PX
+            shifted = math.floor(stereo.center - stereo.focal * (left - side) / ahead + 0.5)
+            start = shifted - SEARCH_PX - PATCH_HALF_PX
+            if min(first, start) < 0 or max(first, start + 2 * SEARCH_PX) + size > rows.shape[1]:
                 continue
-            if max(first, start + SEARCH_PX) >= width - PATCH_HALF_PX:
-                continue
-            mean = 0.0
-            for j in range(size):
-                window[j] = before[camera, first - PATCH_HALF_PX + j]
-                mean += window[j]
-            mean /= size
-            best = 0
+            window = before[camera, first : first + size]
             for r in range(2 * SEARCH_PX + 1):
-                begin, here, total = start - SEARCH_PX + r - PATCH_HALF_PX, 0.0, 0.0
-                for j in range(size):
-                    here += rows[camera, begin + j]
-                here = here / size - mean
-                for j in range(size):
-                    total += abs(rows[camera, begin + j] - window[j] - here)
-                cost[r] = total / size
-                if cost[r] < cost[best]:
-                    best = r
+                patch = rows[camera, start + r : start + r + size]
+                cost[r] = np.abs(patch - window - (patch.mean() - window.mean())).mean()
+            best = cost.argmin()
             if cost[best] > MAX_DIFFERENCE or best in (0, 2 * SEARCH_PX):
                 continue
-            second = 1e9
-            for r in range(2 * SEARCH_PX + 1):
-                if abs(r - best) > NEIGHBOURS_PX:
-                    second = min(second, cost[r])
-            if cost[best] > UNIQUENESS_RATIO * second:
+            if cost[best] > UNIQUENESS_RATIO * cost[np.abs(np.arange(len(cost)) - best) > NEIGHBOURS_PX].min():
                 continue
             curve = cost[best - 1] + cost[best + 1] - 2 * cost[best]
             shift = (cost[best - 1] - cost[best + 1]) / (2 * curve) if curve > 1e-9 else 0.0
-            columns[k, camera] = start - SEARCH_PX + best + min(max(shift, -0.5), 0.5) + old - first
+            columns[k, camera] = old - first + start + best + min(max(shift, -0.5), 0.5)
+    return columns
