@@ -20,7 +20,7 @@ if TYPE_CHECKING:
         Controller,
         Task,
     )
-    from ndtorch.navigation.controllers.goal.params import GoalParams
+    from ndtorch.navigation.controllers.goal import GoalParams
     from ndtorch.navigation.controllers.published import AvoidanceParams, SaccadeController
     from ndtorch.navigation.controllers.ranging.params import RangingParams
     from ndtorch.navigation.controllers.registry import controller_names, make_controller
