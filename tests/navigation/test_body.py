@@ -27,7 +27,6 @@ from ndtorch.navigation import (
 from ndtorch.navigation.body import SPOT_RADIUS
 from ndtorch.navigation.controllers import controller_names
 from ndtorch.navigation.controllers.ranging import RangingControl
-from ndtorch.navigation.options import OPTION_NAMES, options_of
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch_robot.ports import DriveCommand
@@ -142,11 +141,6 @@ def test_coarse_steps_are_exact():
 
 
 STANDARD = StereoRig()
-
-
-def test_options_are_picked_out_of_other_keys() -> None:
-    assert options_of({"features": 3, "arena": "hall"}) == NavigatorOptions(features=3)
-    assert set(OPTION_NAMES) == set(vars(NavigatorOptions()))
 
 
 @pytest.mark.parametrize("controller", controller_names())

@@ -30,12 +30,6 @@ def frames(steps=12):
     return torch.stack([a for a, _ in pairs]), torch.stack([b for _, b in pairs])
 
 
-def test_the_default_comes_first_and_sits_at_the_wheel_everywhere():
-    assert NAMES[0] == DEFAULT_CONTROLLER == NavigatorOptions().controller == "ranging"
-    assert set(NAMES) >= {"ranging", "published", "goal"}
-    assert Navigator(RIG, DT).controller.name == DEFAULT_CONTROLLER
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_each_keeps_the_contract(name):
     controller, (left, right) = make_controller(name, RIG, DT), frames()

@@ -61,22 +61,6 @@ def test_against_the_scalar_machine(seed, from_start):
     torch.testing.assert_close(command.curvature.double(), wanted[:, 1])
 
 
-def drive(*segments, params=None):
-    """Sides held for (left, right, seconds) each."""
-    sides = torch.cat([torch.tensor([[left, right]]).expand(round(s / DT), 2) for left, right, s in segments])
-    return SaccadeAvoidance(DT, params or AvoidanceParams(start_suppression_s=0.0))(sides)
-
-
-def test_a_turn_lasts_a_second_and_suppression_two():
-    command, _ = drive((0.5, 0.3, 7.0))
-    turning = command.curvature != 0
-    assert turning[:30].all()
-    assert not turning[30:90].any()
-    assert turning[90:120].all()
-    assert command.curvature[0] == -1.0  # away from the left
-    assert (command.speed == 0.5).all()
-
-
 def test_standing_goes_before_turning():
     """Both sides are still, but the smoothed difference would turn the car: it stops, and does not turn."""
     machine = SaccadeAvoidance(DT, AvoidanceParams(start_suppression_s=0.2, smoothing_s=10.0))
