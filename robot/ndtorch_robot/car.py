@@ -18,6 +18,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import STOPPED
+from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, Observer, Step
 from ndtorch_robot.safety import SafeDrive
@@ -205,7 +206,8 @@ class Car:
     def summary(self) -> dict[str, Any]:
         """Figures of the drive so far, as JSON has them: times in ms, those of faults in s since the first step."""
         began, jitter = self.began, np.abs(np.diff(self.starts) - 1 / self.runner.rate)
-        faults = [{"time_s": round(max(0.0, stop.time - began), 3), "why": stop.why} for stop in self.safe.faults]
+        stops = [stop for stop in self.safe.faults if stop.kind is not FaultKind.EMERGENCY]
+        faults = [{"time_s": round(max(0.0, stop.time - began), 3), "why": stop.why} for stop in stops]
         return {
             "steps": self.steps,
             "late": self.late,
