@@ -21,7 +21,7 @@ Array = np.ndarray[Any, np.dtype[np.float32]]
 
 SIDES = ("left", "right")
 
-MOVING_M_PER_S = 0.1
+MOVING_M_PER_S = 0.05
 """Speed from which the image of the floor must change."""
 
 FROZEN_S = 0.13

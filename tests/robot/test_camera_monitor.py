@@ -106,6 +106,13 @@ def test_frozen_images_stop_a_car_that_moves(change):
     assert first_fault(change, speed=0.0) == (None, None)
 
 
+def test_a_change_of_direction_does_not_hide_a_frozen_image():
+    monitor, given = CameraMonitor(RIG, RATE, 0.1), frames(next(views()), 0.0)
+    speeds = [0.5, 0.5, 0.2, 0.0, 0.0, 0.0, -0.1, -0.2]
+    faults = [monitor.judge(given._replace(time=n / RATE), speed, n / RATE) for n, speed in enumerate(speeds)]
+    assert [fault is not None for fault in faults] == [False] * 7 + [True]
+
+
 @pytest.mark.parametrize(
     ("change", "kind"),
     [
