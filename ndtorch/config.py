@@ -21,26 +21,16 @@ def limited(size: tuple[int, int]) -> tuple[int, int]:
     return size
 
 
-def rising(pair: tuple[float, float]) -> tuple[float, float]:
-    """A range, as it is; raises `ValueError` where it ends before it begins."""
-    if not pair[0] <= pair[1]:
-        raise ValueError("a range ends where it begins, or above it")
-    return pair
-
-
 Size = Annotated[
     tuple[int, int],
     BeforeValidator(lambda size: (size, size) if type(size) is int else size),
     AfterValidator(limited),
 ]
 """Height and width in pixels; a single number means a square."""
-Share = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 """One of a tuple of numbers above 0."""
 Deviations = tuple[Positive, Positive]
 """Of a filter, along and across, pixels."""
-Shares = Annotated[tuple[Share, Share], AfterValidator(rising)]
-"""A range of shares, from here to there."""
 MOST_WHOLE = 10_000
 """The largest whole number: of parts, rounds or pixels of a side. Times are limited where they become memory."""
 

@@ -112,7 +112,7 @@ UNFINISHED = re.compile(r"^(and|their|its|the same|or|which|if|where)\b|,$", re.
 
 def described() -> Iterator[tuple[str, str]]:
     """Name and description of every key of a file and every option of a command."""
-    for table in (RunConfig, CameraSettings, DriveConfig):
+    for table in (*CONFIGS, RunConfig, CameraSettings, DriveConfig):
         for part in tables(table):
             yield from ((f"{part.__name__}.{name}", f.description or "") for name, f in part.model_fields.items())
     for point in entry_points(group=GROUP):

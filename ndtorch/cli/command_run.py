@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from ndtorch.cli.streams import escaping, line
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import OURS, remedy
-from ndtorch.utils.signals import NOTHING_KEPT, Stopped
+from ndtorch.utils.signals import NOTHING_KEPT
 
 INCOMPLETE = 1
 """Exit code when what came first is kept, and figures or a recording could not be."""
@@ -69,8 +69,8 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
             raise
         print(f"error: {line(words)}", file=sys.stderr)
         return UNUSABLE
-    except KeyboardInterrupt as stop:
-        print(stop if isinstance(stop, Stopped) else NOTHING_KEPT, file=sys.stderr)
+    except KeyboardInterrupt:
+        print(NOTHING_KEPT, file=sys.stderr)
         return INTERRUPTED
 
 

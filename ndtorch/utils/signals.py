@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -14,29 +13,6 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 NOTHING_KEPT = "stopped before there was anything to keep"
 """What is said then, where nothing was computed."""
-
-
-class Stopped(KeyboardInterrupt):
-    """Ctrl-C in a command that has kept something; the message says what."""
-
-
-@contextlib.contextmanager
-def parts_kept(folder: Path, what: str, total: int, finished: Callable[[], int]) -> Iterator[None]:
-    """Ctrl-C inside raises `Stopped` where some parts are kept, which the same command goes on with.
-
-    Args:
-        folder: where they are.
-        what: their name, as many: "trials".
-        total: how many there will be.
-        finished: how many there are, asked then.
-    """
-    try:
-        yield
-    except KeyboardInterrupt:
-        if count := finished():
-            words = f"stopped; {folder} keeps {count} of {total} {what}, and the same command goes on with the others"
-            raise Stopped(words) from None
-        raise
 
 
 @contextlib.contextmanager
