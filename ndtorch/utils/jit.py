@@ -95,18 +95,6 @@ def jit(function: Callable[..., R] | None = None, *, exact: bool = False) -> Any
     return JitFunction(function, exact) if function is not None else lambda given: JitFunction(given, exact)
 
 
-def packed(numbers: tuple[Any, ...]) -> Any:
-    """A NamedTuple of numbers as an array `[1]` of records of the same names.
-
-    Numba takes an array in one step, and a tuple number by number: some .2 us for each at every call.
-    """
-    kinds = [
-        np.bool_ if isinstance(value, bool) else np.int64 if isinstance(value, int) else np.float64 for value in numbers
-    ]
-    fields: Any = numbers
-    return np.array([tuple(numbers)], np.dtype(list(zip(fields._fields, kinds, strict=True)), align=True))
-
-
 @cache
 def announce() -> None:
     """Say once a process that it compiles."""

@@ -14,7 +14,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from ndtorch.utils.jit import code_folder, packed
+from ndtorch.utils.jit import code_folder
 
 CODE = """
 from ndtorch.utils.jit import jit
@@ -91,11 +91,3 @@ def test_where_nothing_can_be_kept_it_computes_all_the_same(
     sums = load(kept)
     assert sums.total.folder is None
     assert sums.total(np.ones(3)) == 6
-
-
-def test_a_tuple_of_numbers_becomes_a_record() -> None:
-    from ndtorch.scenes.base import PixelMap
-
-    record = packed(PixelMap(2.0, 1.0, True, 3))  # type: ignore[arg-type]
-    assert record.shape == (1,)
-    assert [record[name][0] for name in ("scale_x", "left", "top")] == [2.0, True, 3]
