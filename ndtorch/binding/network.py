@@ -23,7 +23,6 @@ from ndtorch.binding.learning import (
     network_step,
     through,
 )
-from ndtorch.binding.network_kernels import delayed_steps, shared_fits, shared_steps
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
 from ndtorch.errors import InputError
 from ndtorch.utils.backend import Backend, check_backend
@@ -201,18 +200,7 @@ class InhibitoryNetwork(nn.Module):
         time, c = self._check(inputs), self.constants
         check_batch(state, inputs.shape[:time], "weights", "outputs")
         state = self.start(inputs.select(time, 0)) if state is None else state
-        found = delayed_steps(inputs, state, c, (self.a_in, self.a_rough), self.backend)
-        if found is not None:
-            return found
         drive, input_low = self._drive(inputs, state.input_low, time)
-        if shared_fits(drive, state, c, self.backend):
-            out, now, changes = shared_steps(drive, state, c)
-            return out, now._replace(
-                outputs=out[-1],
-                input_low=input_low,
-                changes=latest_changes(state.changes, [(change, None) for change in changes]),
-                steps=state.steps + len(out),
-            )
         outs, now = [], state
         shifts: list[tuple[Tensor, Tensor | None]] = []
         blocks: Sequence[Tensor]

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from typing import Literal, NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_state, check_tensor
-from ndtorch.binding._kernels import over_recent_maxima
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, HighPass, RecentMaxState, RunningMax, time_dim
@@ -121,11 +119,11 @@ class FieldInputs(nn.Module):
         check_tensor("signals", signals)
         if signals.ndim != 3 or signals.shape[-1] != 10:
             raise InputError(f"signals must be [T, F, 10], got {tuple(signals.shape)}")
-        inputs = torch.empty_like(signals)
-        after = signals.new_zeros(3) if level is None else level.clone()
-        ends = np.array([group.stop for group in GROUPS.values()])
-        over_recent_maxima(signals.numpy(), ends, self.keep, self.floor, after.numpy(), inputs.numpy())
-        return inputs, after
+        level, levels = signals.new_zeros(3) if level is None else level, []
+        for largest in group_max(signals).amax(1):
+            level = torch.maximum(self.keep * level, largest)
+            levels.append(level)
+        return over_groups(signals, torch.stack(levels).clamp_min(self.floor).unsqueeze(1)), level
 
 
 def group_max(signals: Tensor) -> Tensor:

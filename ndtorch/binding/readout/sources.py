@@ -53,7 +53,7 @@ MOST = 4
 """Largest number of sources: three colors and one more."""
 CLEAR = 2.0
 """Decades of a margin beyond which more makes no difference."""
-WEIGHTS = (-3.14, 3.17, 1.74, 0.14, -1.86, -0.82)
+WEIGHTS = (-3.88, 4.14, 1.46, 0.95, -1.57, -0.66)
 """Logistic regression of "the number is right" on `evidence`, on the split tune of `ndtorch benchmark over-time`."""
 
 
@@ -61,14 +61,14 @@ class SourceParams(Constants):
     """Constants of the number of sources."""
 
     duration: float = constant(10.0, "Seconds of signals in which motion and features are looked at.", gt=0, le=60)
-    recent: float = constant(6.0, "Seconds of signals in which colors are counted.", gt=0, le=60)
-    tau_high: float = constant(2.0, "High-pass of the sums, seconds.", gt=0)
+    recent: float = constant(5.0, "Seconds of signals in which colors are counted.", gt=0, le=60)
+    tau_high: float = constant(0.7, "High-pass of the sums, seconds.", gt=0)
     lag: float = constant(0.1, "Largest lag of the covariances, seconds.", gt=0, le=1)
     noise: float = constant(3.0, "Factor k of the noise floor.", ge=0)
     relative_error: float = constant(0.01, "Deviation, over the largest of a color, that is no source.", gt=0)
     motion_residual: float = constant(0.0045, "Ratio of motion, for each color, that means one more source.", gt=0)
     lit: float = constant(0.03, "Deviation of the colors over their mean below which the ground is lit.", ge=0)
-    tau_votes: float = constant(3.0, "Memory of the numbers of the seconds before, seconds.", gt=0)
+    tau_votes: float = constant(2.0, "Memory of the numbers of the seconds before, seconds.", gt=0)
     smallest: float = constant(1 / 3, "Ratio to the largest of its group from which on a feature is one.", ge=0)
     certain: float = constant(0.9, "Confidence from which on a number is stable.", ge=0, le=1)
 
