@@ -171,7 +171,8 @@ class SourceEstimator(nn.Module):
         covariance = second.mT @ second / (6 * max(1, samples - 2))
         noise = (vectors.mT @ covariance @ vectors).diagonal(dim1=-2, dim2=-1).clamp_min(0)
         largest = size[..., -1:].clamp_min(0)
-        return size / (1 + p.noise * (noise / math.sqrt(samples) + (noise * largest / samples).sqrt()))
+        ratios: Tensor = size / (1 + p.noise * (noise / math.sqrt(samples) + (noise * largest / samples).sqrt()))
+        return ratios
 
     def motion_residual(self, history: Tensor) -> Tensor:
         """Ratio of motion that products of colors do not explain, in the quiet half of the seconds, `[...]`."""
@@ -197,9 +198,13 @@ class SourceEstimator(nn.Module):
         now = signals[..., lag:, :]
         count = max(1, now.shape[-2] // block)
         block = min(block, now.shape[-2])
-        now, past = (part[..., -count * block :, :].unflatten(-2, (count, block)) for part in (now, past))
+        now, past = (
+            part[..., -count * block :, :].reshape(*part.shape[:-2], count, block, part.shape[-1])
+            for part in (now, past)
+        )
         product = now.mT @ past / block
-        return (product + product.mT) / 2
+        symmetric: Tensor = (product + product.mT) / 2
+        return symmetric
 
     def number(self, state: SourceState) -> Tensor:
         """The number of sources with most votes, `[...]` int64."""

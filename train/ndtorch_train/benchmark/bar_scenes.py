@@ -170,7 +170,7 @@ def paper_film(bars: int, phase: float, rng: np.random.Generator) -> Film:
     """The papers' two or three bars in the sine shadow, from other starting positions than theirs."""
     x, y = rng.uniform(-60, 60, 2)
     scene = (two_bars if bars == 2 else three_bars)(SECONDS, phase=phase, shift=(x, y), fps=25.0)
-    single = [BarScene([bar], SECONDS, scene.fluctuation, scene.size, scene.fps) for bar in scene.bars]  # type: ignore[list-item]
+    single = [BarScene([bar], SECONDS, scene.fluctuation, scene.size, scene.fps) for bar in scene.bars]  # type: ignore[arg-type]
     return Film(single, None, [(0, SECONDS)] * bars, torch.zeros(3, *scene.size))
 
 
@@ -189,13 +189,13 @@ def draw_light(rng: np.random.Generator, fps: float) -> np.ndarray:
     middle, swing = (BRIGHTEST + DARKEST) / 2, (BRIGHTEST - DARKEST) / 2
     kind = rng.integers(3)
     if kind == 0:
-        return middle + swing * np.sin(2 * np.pi * (time / rng.uniform(0.5, 2.5) + rng.random()))
+        return np.asarray(middle + swing * np.sin(2 * np.pi * (time / rng.uniform(0.5, 2.5) + rng.random())))
     if kind == 1:
         sigma, white = rng.uniform(0.08, 0.3), np.fft.rfft(rng.standard_normal(len(time)))
         smooth = np.fft.irfft(
             white * np.exp(-0.5 * (2 * np.pi * np.fft.rfftfreq(len(time), 1 / fps) * sigma) ** 2), len(time)
         )
-        return (middle + 0.15 * (smooth - smooth.mean()) / smooth.std()).clip(0.05, 0.95)
+        return np.asarray((middle + 0.15 * (smooth - smooth.mean()) / smooth.std()).clip(0.05, 0.95))
     switches = np.cumsum(rng.uniform(0.4, 1.5, 200))
     on = np.searchsorted(switches, time + np.linspace(-0.05, 0.05, 11)[:, None]) % 2
     return DARKEST + (BRIGHTEST - DARKEST) * on.mean(0)
@@ -233,8 +233,8 @@ def kept_sums(film: Film, path: Path) -> Sums:
         np.savez(partial, sums=film_sums(film).numpy(), alone=torch.stack(alone).numpy())
         partial.replace(path)
     with np.load(path) as kept:
-        sums, alone = torch.from_numpy(kept["sums"]), torch.from_numpy(kept["alone"])
-    refined = features_by_group(alone, 0.0) @ settled(first_stage()).mT
+        sums, deviations = torch.from_numpy(kept["sums"]), torch.from_numpy(kept["alone"])
+    refined = features_by_group(deviations, 0.0) @ settled(first_stage()).mT
     return Sums(sums, features_by_group(refined) > 0, film.shown, film.fps)
 
 

@@ -7,7 +7,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
@@ -87,7 +87,8 @@ def fast_ica(film: Film, sums: Sums, seconds: Sequence[int]) -> list[Reading]:
 
 def whole_field(film: Film, sums: Sums, seconds: Sequence[int], *, model: str) -> list[Reading]:
     """A model of sums over the whole field, from the sums of the film."""
-    module, state, readings, done = ndtorch.load(model, size=film.size, fps=film.fps), None, [], 0
+    module: Any = ndtorch.load(model, size=film.size, fps=film.fps)
+    state, readings, done = None, list[Reading](), 0
     with torch.inference_mode():
         for second in seconds:
             upto = round(second * film.fps)
@@ -146,9 +147,9 @@ def measure(name: str, methods: Sequence[str], split: Split, films: int, folder:
                 answers[method].append((reading.number == len(truth), features, reading.confidence))
     rows: list[Row] = []
     for method, given in answers.items():
-        right, features, confidence = zip(*given, strict=True)
+        right, complete, confidence = zip(*given, strict=True)
         row: Row = {"films": name, "method": method, "count": float(np.mean(right))}
-        row["features"] = float(np.mean(features)) if method != "color rank" else None
+        row["features"] = float(np.mean(complete)) if method != "color rank" else None
         if confidence[0] is not None:
             row["bins"] = bins(np.array(confidence), np.array(right))
             row |= summary(np.array(row["bins"]))
