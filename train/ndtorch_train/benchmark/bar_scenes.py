@@ -198,7 +198,7 @@ def draw_light(rng: np.random.Generator, fps: float) -> np.ndarray:
         return np.asarray((middle + 0.15 * (smooth - smooth.mean()) / smooth.std()).clip(0.05, 0.95))
     switches = np.cumsum(rng.uniform(0.4, 1.5, 200))
     on = np.searchsorted(switches, time + np.linspace(-0.05, 0.05, 11)[:, None]) % 2
-    return DARKEST + (BRIGHTEST - DARKEST) * on.mean(0)
+    return np.asarray(DARKEST + (BRIGHTEST - DARKEST) * on.mean(0))
 
 
 class Sums(NamedTuple):
