@@ -338,3 +338,28 @@ def span(ends: Array, row: int) -> tuple[int, int]:
     if not low <= high:
         return 0, 0
     return math.ceil(low), math.floor(high) + 1
+
+
+@jit
+def rectangle_touches(x: float, y: float, heading: float, half: Array, segments: Array, circles: Array) -> bool:
+    """Whether a rectangle touches segments `[S, 2, 2]` or circles `[C, 3]` (x, y, radius), by separating axes.
+
+    Args:
+        x, y, heading: pose of its middle, m and radians.
+        half: half its length and width, m, `[2]`.
+    """
+    cos, sin, long, wide = math.cos(heading), math.sin(heading), half[0], half[1]
+    for k in range(segments.shape[0]):
+        dx, dy = (segments[k, 0, 0] + segments[k, 1, 0]) / 2 - x, (segments[k, 0, 1] + segments[k, 1, 1]) / 2 - y
+        ex, ey = (segments[k, 1, 0] - segments[k, 0, 0]) / 2, (segments[k, 1, 1] - segments[k, 0, 1]) / 2
+        ahead, aside = cos * dx + sin * dy, cos * dy - sin * dx
+        along, across = cos * ex + sin * ey, cos * ey - sin * ex
+        apart = abs(ahead) > long + abs(along) or abs(aside) > wide + abs(across)
+        if not apart and abs(ahead * across - aside * along) <= long * abs(across) + wide * abs(along):
+            return True
+    for k in range(circles.shape[0]):
+        dx, dy = circles[k, 0] - x, circles[k, 1] - y
+        ahead, aside = abs(cos * dx + sin * dy) - long, abs(cos * dy - sin * dx) - wide
+        if math.hypot(max(ahead, 0.0), max(aside, 0.0)) < circles[k, 2]:
+            return True
+    return False

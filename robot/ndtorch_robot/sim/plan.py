@@ -207,25 +207,6 @@ def inside(shape: Ring, points: Floats) -> Bools:
     return result
 
 
-def rectangle_touches(pose: tuple[float, float, float], half: Floats, segments: Floats, circles: Floats) -> bool:
-    """Whether a rectangle touches segments `[S, 2, 2]` or circles `[C, 3]` (x, y, radius), by separating axes.
-
-    Args:
-        pose: x, y, m, and heading, radians, of its middle.
-        half: half its length and width, m, `[2]`.
-    """
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    turn = np.array([[cos, -sin], [sin, cos]])
-    ends = (segments - pose[:2]) @ turn
-    middle, along = ends.mean(1), (ends[:, 1] - ends[:, 0]) / 2
-    extent = np.abs(along)
-    apart = (np.abs(middle) > half + extent).any(1)
-    across = np.abs(middle[:, 0] * along[:, 1] - middle[:, 1] * along[:, 0])
-    apart |= across > half[0] * extent[:, 1] + half[1] * extent[:, 0]
-    beside = np.maximum(np.abs((circles[:, :2] - pose[:2]) @ turn) - half, 0.0)
-    return bool(not apart.all() or (np.hypot(*beside.T) < circles[:, 2]).any())
-
-
 def check_ring(shape: Ring) -> None:
     """Raise `InputError` for a ring that is no polygon."""
     corners = shape.array

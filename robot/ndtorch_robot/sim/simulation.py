@@ -10,10 +10,11 @@ import numpy as np
 
 from ndtorch.navigation import Body, Rect, StereoRig, Strips
 from ndtorch_robot.ports import CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
+from ndtorch_robot.sim._kernels import rectangle_touches
 from ndtorch_robot.sim.cameras import Cameras, Frame
 from ndtorch_robot.sim.car import Car, CarLimits
 from ndtorch_robot.sim.disturbances import Disturbances, Effects
-from ndtorch_robot.sim.plan import Plan, Point, rectangle_touches
+from ndtorch_robot.sim.plan import Plan, Point
 from ndtorch_robot.sim.spawn_points import SpawnPoints
 from ndtorch_robot.sim.textures import Walls
 from ndtorch_robot.sim.world import PEDESTRIAN_RADIUS, build
@@ -150,12 +151,14 @@ class Simulation(Drive):
 
     def touches(self, pose: tuple[float, float, float] | None = None) -> bool:
         """Whether the car would touch the building at a pose, by default its own."""
-        return rectangle_touches(pose or self.pose, self.half, self.world.walls, self.world.posts)
+        return bool(rectangle_touches(*(pose or self.pose), self.half, self.world.walls, self.world.posts))
 
     def touches_person(self) -> bool:
         at = self.pedestrian_at
-        post = np.array([(*at, PEDESTRIAN_RADIUS)] if at else []).reshape(-1, 3)
-        return at is not None and rectangle_touches(self.pose, self.half, np.zeros((0, 2, 2)), post)
+        if at is None:
+            return False
+        post = np.array([(*at, PEDESTRIAN_RADIUS)])
+        return bool(rectangle_touches(*self.pose, self.half, np.zeros((0, 2, 2)), post))
 
     def respawn(self) -> None:
         """Move the car to the nearest free place, away from the pedestrian, where it touches nothing."""

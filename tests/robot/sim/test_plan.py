@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
+from ndtorch_robot.sim._kernels import rectangle_touches
 from ndtorch_robot.sim.arenas import ARENAS, DOOR_SPACING, load_arena
-from ndtorch_robot.sim.plan import Plan, Ring, cylinder, inside, rectangle_touches, ring
+from ndtorch_robot.sim.plan import Plan, Ring, cylinder, inside, ring
 from ndtorch_robot.sim.shapes import Box, trace
 from ndtorch_robot.sim.spawn_points import SpawnPoints
 from ndtorch_robot.sim.textures import Floor
@@ -82,7 +83,7 @@ def test_contact_is_where_points_of_the_surface_are_in_the_rectangle():
             depth = (half - np.abs(own)).min(1).max()
             if abs(depth) > 0.01:
                 given = np.array(segments).reshape(-1, 2, 2), np.array(circles).reshape(-1, 3)
-                assert rectangle_touches(pose, half, *given) == (depth > 0), (pose, segments, circles)
+                assert rectangle_touches(*pose, half, *given) == (depth > 0), (pose, segments, circles)
                 hits += depth > 0
     assert hits > 50
 
