@@ -47,7 +47,7 @@ class Condition:
         ground: mean brightness of the ground.
         texture: the ground is smooth colored noise, .15 around its mean.
         come_and_go: all bars but the first enter the film after its start and leave it before its end.
-        paper: the papers' scenes at phases of equal distance.
+        paper: the papers' scenes at phases of equal distance; bars exactly in step are one source and are not drawn.
     """
 
     bars: tuple[int, ...] = (1, 2, 3)
@@ -140,7 +140,7 @@ def draw_film(name: str, split: Split, number: int, count: int) -> Film:
     c, seed = CONDITIONS[name], FIRST_SEED[split] + 1000 * list(CONDITIONS).index(name) + number
     rng, bars = np.random.default_rng(seed), c.bars[number % len(c.bars)]
     if c.paper:
-        return paper_film(bars, 360 * (number + (0.5 if split == "tune" else 0.0)) / count, rng)
+        return paper_film(bars, 360 * (number + (0.5 if split == "tune" else 0.25)) / count, rng)
     size, fps = FRAMES[number % len(FRAMES)]
     length = rng.uniform(0.12, 0.16) * min(size)
     hues = apart(rng, bars, 360, c.hue_gap) if c.hue_gap else np.full(bars, rng.uniform(0, 360))
