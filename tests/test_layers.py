@@ -18,7 +18,7 @@ PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
     "arguments config errors utils",
-    "foreground kernels scenes tracking vision",
+    "foreground kernels scenes vision",
     "binding navigation",
     "export loading",
     "__main__ cli report run",

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import torch
@@ -29,9 +28,9 @@ MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
 """Mean and median of the magnitude of a normal variable, in standard deviations."""
 TAU_NOISE_S, OUTLIER = 4.0, 3.0
 """Time constant of the noise, and the largest deviation from which it is learned, in its present values."""
-MIN_MOTION, MOTION_TRAIL_S, MIN_MOTION_SIDE = 0.012, 0.1, 0.06
-"""Smallest change from frame to frame that is motion (of full scale), how long it counts where no background is known,
-and the smallest side of what counts there (of the height)."""
+MIN_MOTION, MIN_COLOR_MOTION, MOTION_TRAIL_S, MIN_MOTION_SIDE = 0.012, 0.1, 0.1, 0.06
+"""Smallest change from frame to frame that is motion, of grey and of a color (of full scale), how long it counts where
+no background is known, and the smallest side of what counts there (of the height)."""
 STARTING_S = 2.0
 """From then on, a pixel needs the less time without motion the longer the scene has lasted."""
 DARK, MAX_GAIN = 0.04, 4.0
@@ -118,10 +117,12 @@ def start_background(image: Floats, p: BackgroundParams) -> BackgroundState:
 
 def segment(raw: Floats, s: BackgroundState, dt: float, p: BackgroundParams) -> Segmentation:
     """Foreground mask of a frame `[3, h, w]`, 0..1; `previous` and `static_time` of the state are updated."""
+    import cv2
+
     gain = exposure_gain(raw, s.mean)
     image = raw / gain[:, None, None]
     distance = cv2.absdiff(image.reshape(-1, image.shape[2]), s.mean.reshape(-1, image.shape[2])).reshape(image.shape)
-    distance = distance.max(0)
+    distance = np.maximum(np.maximum(distance[0], distance[1]), distance[2])
     noise = max(float(np.median(distance[::4, ::4])) / MEDIAN_SIZE, p.min_noise_ratio)
     sigma = np.maximum(s.deviation / np.float32(MEAN_SIZE), np.float32(noise))
     candidates = np.asarray(distance > np.float32(p.threshold_sigma) * sigma)
@@ -142,6 +143,8 @@ def learn(seen: Segmentation, kept: Bytes, s: BackgroundState, dt: float, p: Bac
 
     Where it is not known, the background is the mean since something moved.
     """
+    import cv2
+
     s.frames[...] += 1
     seconds = float(s.frames) * dt
     free = np.asarray((kept == 0) & (s.known > 0)).astype(np.uint8)
@@ -175,11 +178,17 @@ def motion(
 
     A pixel moves if it changes by more than the noise, and, where no background is known, if it is a candidate.
     """
-    change = np.abs(smooth - s.previous).mean(0)
+    import cv2
+
+    red, green, blue = smooth - s.previous
+    change = np.abs(red + green + blue) / np.float32(3)
+    colored = np.maximum(np.maximum(np.abs(red), np.abs(green)), np.abs(blue))
     s.previous[...] = smooth
     noise = float(np.median(change[::4, ::4])) / MEDIAN_SIZE
     unknown = s.known == 0
-    moves = (change > max(MIN_MOTION, p.threshold_sigma * noise)) | (candidates & unknown)
+    moves = (
+        (change > max(MIN_MOTION, p.threshold_sigma * noise)) | (colored > MIN_COLOR_MOTION) | (candidates & unknown)
+    )
     wide = cv2.dilate(cv2.medianBlur(moves.astype(np.uint8), 3), np.ones((3, 3), np.uint8))
     s.static_time[...] += np.float32(dt)
     s.static_time[wide > 0] = 0
@@ -190,6 +199,8 @@ def motion(
 
 def without_shadow(mask: Bytes, image: Floats, background: Floats, p: BackgroundParams) -> Bytes:
     """A mask without pixels that only lost light, by about the same share in all colors and among neighbours."""
+    import cv2
+
     left, top, width, height = cv2.boundingRect(mask)
     if not width:
         return mask
@@ -199,8 +210,9 @@ def without_shadow(mask: Bytes, image: Floats, background: Floats, p: Background
     ratio = (image[:, rows, columns] + np.float32(LIGHT_OFFSET)) / (
         background[:, rows, columns] + np.float32(LIGHT_OFFSET)
     )
-    light = ratio.mean(0)
-    tint = ratio.max(0) - ratio.min(0)
+    red, green, blue = ratio
+    light = (red + green + blue) / np.float32(3)
+    tint = np.maximum(np.maximum(red, green), blue) - np.minimum(np.minimum(red, green), blue)
     dim = (light < 1) & (light > p.shadow_min_ratio) & (tint <= np.float32(2 * p.shadow_max_tint_ratio) * light)
     window = (WINDOW_PX, WINDOW_PX)
     variance = cv2.blur(light * light, window) - cv2.blur(light, window) ** 2
@@ -218,11 +230,15 @@ def without_shadow(mask: Bytes, image: Floats, background: Floats, p: Background
 
 def blurred(image: Floats) -> Floats:
     """Each color of `[3, h, w]`, blurred."""
+    import cv2
+
     return np.stack([np.asarray(cv2.blur(plane, (3, 3)), np.float32) for plane in image])
 
 
 def is_other_scene(smooth: Floats, previous: Floats) -> bool:
     """Whether most blocks changed, and are bright elsewhere than before; a change of light leaves them correlated."""
+    import cv2
+
     size = (max(2, smooth.shape[2] // BLOCK_PX), max(2, smooth.shape[1] // BLOCK_PX))
     one, other = (
         np.asarray(cv2.resize(planes.mean(0), size, interpolation=cv2.INTER_AREA)) for planes in (smooth, previous)
@@ -241,6 +257,8 @@ def is_ghost(region: Bytes, around: Bytes, image: Floats, background: Floats) ->
         region: 1 inside, and around: 1 for other foreground, `[h, w]` uint8.
         image, background: `[3, h, w]`.
     """
+    import cv2
+
     square = np.ones((3, 3), np.uint8)
     edge = np.asarray(cv2.subtract(cv2.dilate(region, square), cv2.erode(region, square)))
     edge = np.asarray(cv2.subtract(edge, cv2.dilate(around, square)))
@@ -262,6 +280,8 @@ def downscale(frame: Tensor, size: tuple[int, int]) -> Floats:
     Raises:
         InputError: NaN or infinite values.
     """
+    import cv2
+
     if frame.dtype != torch.uint8:
         if not torch.isfinite(frame.sum()):
             raise InputError("frames must be finite, got NaN or infinite values")

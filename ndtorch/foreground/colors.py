@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from ndtorch.foreground.background import Floats, Numbers
@@ -20,6 +19,8 @@ def achromatic_name(color: Numbers, background: Floats) -> str | None:
 
     The light is that under which the background is grey in the mean.
     """
+    import cv2
+
     means = background.reshape(3, -1).mean(1).clip(DIMMEST)
     balance = means.mean() / means
     red, green, blue = color * balance

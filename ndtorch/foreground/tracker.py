@@ -9,7 +9,6 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -184,6 +183,8 @@ def update(
     labels = np.take(np.concatenate([[0], number + 1]).astype(np.int32), blobs.labels)
     missing, patience = time - tracks.seen, np.where(tracks.confirmed, p.max_lost_s, p.min_track_s)
     lost = missing > np.maximum(patience, 1.5 * dt)
+    if not lost.any():
+        return tracks, no_tracks(), labels
     return tracks.take(~lost), tracks.take(lost & tracks.confirmed), labels
 
 
@@ -193,6 +194,8 @@ def detect(seen: Segmentation, tracks: Tracks, expected: Numbers, p: TrackingPar
     A component goes to the confirmed tracks whose expected boxes it fills. If there are several, each pixel goes to
     the track whose expected position is nearest, in units of its width and height.
     """
+    import cv2
+
     height = len(seen.mask)
     side = 2 * round(CLOSING * height / 2) + 1
     mask = cv2.morphologyEx(seen.mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
@@ -327,6 +330,8 @@ def begin(tracks: Tracks, count: int, blobs: Blobs, i: Whole, j: Whole, time: fl
     """
     number = np.full(len(blobs.area), -1, np.int64)
     number[j] = tracks.number[i]
+    if (number >= 0).all():
+        return tracks, number
     low, high = blobs.box[:, :2], blobs.box[:, 2:]
     reach = ((high - low).mean(1) / 2)[None]
     gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(-1)
@@ -354,7 +359,7 @@ def begin(tracks: Tracks, count: int, blobs: Blobs, i: Whole, j: Whole, time: fl
         inputs=np.zeros((n, 10)),
         outputs=np.zeros((n, 10)),
     )
-    return (joined(tracks, fresh) if n else tracks), number
+    return joined(tracks, fresh), number
 
 
 def confirm(tracks: Tracks, time: float, seen_for: float, p: TrackingParams) -> Tracks:
@@ -384,6 +389,8 @@ def report(tracks: Tracks, blobs: Blobs, number: Whole, time: float) -> Tracks:
 
 def kept_from_background(tracks: Tracks, labels: Labels, time: float, p: TrackingParams) -> Bytes:
     """1 where the background is not learned, `[h, w]`: under objects and beside them, and under young tracks."""
+    import cv2
+
     keep = np.where(tracks.confirmed, time - tracks.anchored < p.stationary_max_s, time - tracks.began < TENTATIVE_S)
     return np.asarray(cv2.dilate(marked(tracks.number[keep], labels), np.ones((3, 3), np.uint8)), np.uint8)
 
@@ -402,6 +409,8 @@ def replace_ghosts(
 
     Looked at are parts of the foreground without motion for `after` seconds that are of no moving object.
     """
+    import cv2
+
     moving = marked(tracks.number[(tracks.status == Status.MEASURED) | (tracks.status == Status.PREDICTED)], labels)
     static = seen.mask & (s.static_time >= after).astype(np.uint8) & ~moving & 1 & (s.known > 0).astype(np.uint8)
     if int(cv2.countNonZero(static)) < p.min_area_ratio * static.size:
