@@ -23,7 +23,6 @@ NAMES = {
     "huggingface_hub": "huggingface-hub",
     "mcap": "mcap",
     "numba": "numba",
-    "picard": "python-picard",
     "pyarrow": "pyarrow",
     "ray": "ray",
     "rerun": "rerun-sdk",
