@@ -83,7 +83,8 @@ class Barn:
         if made:
             with replacing(out / "barn.png") as beside:
                 save(barn_plot(worlds, made), beside)
-        print(json.dumps(totals(made)) if self.json else f"{text}\nwritten to {out}: barn.csv barn.md barn.png")
+        files = "barn.csv barn.md" + " barn.png" * bool(made)
+        print(json.dumps(totals(made)) if self.json else f"{text}\nwritten to {out}: {files}")
         for trouble in troubles:
             print(f"failed: {trouble}", file=sys.stderr)
         return INTERRUPTED if interrupted else FAILED if troubles else 0
