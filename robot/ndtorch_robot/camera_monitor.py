@@ -9,11 +9,9 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from pydantic import ConfigDict, Field
 from torch import Tensor
 
 from ndtorch.navigation import StereoRig, Strips, cut_strips
-from ndtorch.utils.toml import Strict
 from ndtorch_robot.faults import Fault, FaultKind
 from ndtorch_robot.ports import StereoFrames
 
@@ -39,29 +37,14 @@ PATCH_BLOCKS, REACH_BLOCKS = 20, 60
 MIN_CORRELATION, MARGIN, MIN_PATCHES = 0.6, 0.05, 30
 """Correlation of a match, mean excess of wrong matches over right ones, and patches needed for a verdict."""
 
+DARK_LEVELS = 3.0
+"""Brightness of the brightest pixel of a row up to which a camera is dark, in levels of 255."""
 
-class CameraLimits(Strict):
-    """`[camera_monitor]`: when a camera counts as dark, blind or unequally lit.
+ROW_CONTRAST, FIELD_CONTRAST = (1.2, 0.05), (0.6, 0.012)
+"""Standard deviation of block means below which a row and a subfield show nothing: in levels, relative to the mean."""
 
-    A level is one of the 256 brightness levels of a pixel. Row and subfield are the pixels that navigation reads.
-    """
-
-    model_config = ConfigDict(use_attribute_docstrings=True)
-
-    patience_s: float = Field(0.25, ge=0.05, le=60)
-    """Time for which images must show nothing, or be unequally lit, before the car stops, in s."""
-    dark_levels: float = Field(3.0, ge=0, le=255)
-    """Brightness of the brightest pixel of a row up to which a camera is dark, in levels."""
-    row_contrast_levels: float = Field(1.2, gt=0)
-    """Standard deviation of block means below which a row shows nothing, in levels."""
-    field_contrast_levels: float = Field(0.6, gt=0)
-    """Standard deviation of block means below which a subfield shows nothing, in levels."""
-    row_contrast_ratio: float = Field(0.05, ge=0, le=1)
-    """Ratio of standard deviation to mean brightness below which a row is foggy."""
-    field_contrast_ratio: float = Field(0.012, ge=0, le=1)
-    """Ratio of standard deviation to mean brightness below which a subfield is foggy."""
-    brightness_ratio: float = Field(4.0, gt=1)
-    """Ratio of the brightness of both rows and of both subfields above which the cameras are lit unequally."""
+BRIGHTNESS_RATIO = 4.0
+"""Ratio of the brightness of both rows and of both subfields above which the cameras are lit unequally."""
 
 
 class CameraMonitor:
@@ -69,13 +52,13 @@ class CameraMonitor:
 
     At once: frames that are missing, old, ahead of the clock, not later than the last ones, or of a wrong size. After
     two late frames: a slow camera. After `FROZEN_S`: a dark row, and a subfield that stays equal to the bit while the
-    car moves. After `limits.patience_s`: images without contrast, and cameras that are lit unequally.
+    car moves. After `patience_s`: images without contrast, and cameras that are lit unequally.
 
     Args:
         rig: the camera pair.
         rate_hz: frames a second that the navigator relies on.
         max_age_s: age from which frames are too old.
-        limits: see `CameraLimits`.
+        patience_s: time for which images must show nothing, or be unequally lit, before the car stops, s.
         rendered: Images are rendered without noise: two that stay equal together, before a blank wall, are no fault.
     """
 
@@ -84,13 +67,12 @@ class CameraMonitor:
         rig: StereoRig,
         rate_hz: float,
         max_age_s: float,
-        limits: CameraLimits | None = None,
+        patience_s: float = 0.25,
         rendered: bool = False,
     ) -> None:
         self.rig, self.rate_hz, self.max_age_s, self.rendered = rig, rate_hz, max_age_s, rendered
-        self.limits = limits or CameraLimits()
         self.frozen_frames = max(2, round(FROZEN_S * rate_hz))
-        self.patience = max(2, round(self.limits.patience_s * rate_hz))
+        self.patience = max(2, round(patience_s * rate_hz))
         self.time = -math.inf
         self.reset()
 
@@ -111,10 +93,7 @@ class CameraMonitor:
         if fault is not None:
             return fault
         pair = []
-        images: tuple[Tensor | Strips | None, ...] = frames[:2]
-        for k, image in enumerate(images):
-            if image is None:
-                return Fault(FaultKind.MISSING, f"the {SIDES[k]} camera gave no frame")
+        for k, image in enumerate(frames[:2]):
             if isinstance(image, Tensor):
                 if image.shape[-2:] != (self.rig.height, self.rig.width):
                     size = f"{image.shape[-1]}x{image.shape[-2]} frames, {self.rig.width}x{self.rig.height} are wanted"
@@ -146,7 +125,7 @@ class CameraMonitor:
         same = [old is not None and torch.equal(old, new.field) for old, new in zip(self.last, pair, strict=True)]
         self.last = [each.field for each in pair]
         for k, (field, row) in enumerate(pair):
-            darkest = self.limits.dark_levels / (1 if row.dtype == torch.uint8 else 255)
+            darkest = DARK_LEVELS / (1 if row.dtype == torch.uint8 else 255)
             self.dark[k] = self.dark[k] + 1 if float(row.max()) <= darkest else 0
             equal = same[k] and not (self.rendered and all(same))
             if equal:  # a wall of one color that fills the subfield looks the same from everywhere
@@ -161,19 +140,18 @@ class CameraMonitor:
 
     def judge_contrast(self, pair: list[Strips]) -> Fault | None:
         """Count images without content and pairs that are lit unequally; a good one cancels a bad one."""
-        limits, means = self.limits, []
+        means = []
         for k, (field, row) in enumerate(pair):
             row_blocks, field_blocks = blocks(row, 1), blocks(field, BLOCK)
             row_mean, field_mean = float(row_blocks.mean()), float(field_blocks.mean())
-            row_shows = detail(row_blocks) >= max(limits.row_contrast_levels, limits.row_contrast_ratio * row_mean)
-            least = max(limits.field_contrast_levels, limits.field_contrast_ratio * field_mean)
-            shows = row_shows or detail(field_blocks) >= least
+            row_shows = detail(row_blocks) >= max(ROW_CONTRAST[0], ROW_CONTRAST[1] * row_mean)
+            shows = row_shows or detail(field_blocks) >= max(FIELD_CONTRAST[0], FIELD_CONTRAST[1] * field_mean)
             self.blank[k] = max(self.blank[k] - 1, 0) if shows else min(self.blank[k] + 1, self.patience)
             if self.blank[k] >= self.patience:
                 return Fault(FaultKind.BLANK, f"the {SIDES[k]} camera shows nothing at level {row_mean:.0f} of 255")
             means.append((row_mean + 1, field_mean + 1))
         ratios = [max(a / b, b / a) for a, b in zip(*means, strict=True)]
-        unequal = min(ratios) > limits.brightness_ratio
+        unequal = min(ratios) > BRIGHTNESS_RATIO
         self.unequal = min(self.unequal + 1, self.patience) if unequal else max(self.unequal - 1, 0)
         if self.unequal < self.patience:
             return None
@@ -233,8 +211,6 @@ def mounting_fault(pairs: Iterable[StereoFrames], rig: StereoRig) -> str | None:
     swapped, mirrored = np.mean(excess, 0)
     if mirrored > MARGIN:
         return "one of the cameras is upside down: the rows match when one is mirrored"
-    return (
-        "the cameras are swapped, crossed or both upside down: matches lie on the wrong side"
-        if swapped > MARGIN
-        else None
-    )
+    if swapped > MARGIN:
+        return "the cameras are swapped, crossed or both upside down: matches lie on the wrong side"
+    return None

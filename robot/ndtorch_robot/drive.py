@@ -18,7 +18,7 @@ from ndtorch.navigation import STOPPED, Grid
 from ndtorch.navigation.controllers import Trace
 from ndtorch.navigation.options import place_of
 from ndtorch.navigation.stereo.features import MatchParams
-from ndtorch_robot.camera_monitor import CameraLimits, CameraMonitor
+from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.metrics import MapScore, coverage, score_map
@@ -34,7 +34,7 @@ from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.sim.simulation import Simulation
 
-DRAWN, BLANK = CameraLimits(patience_s=2.0), CameraLimits(patience_s=60.0)
+DRAWN, BLANK = 2.0, 60.0
 """Walls that are drawn blank have no marks: a car that turns away from one may see nothing for a second, and where all
 walls are blank until it has found a way out."""
 

@@ -9,7 +9,7 @@ import os
 import queue
 import shutil
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
@@ -74,7 +74,6 @@ class Recorder(Closing):
         size: steps that may wait.
         when_full: `"drop"`, or `"wait"` for a simulation, whose time stands still meanwhile.
         report: called with one line when recording ends before it should.
-        reserve: bytes to leave free on the disk.
 
     Attributes:
         steps, dropped: number of steps written, and of those lost.
@@ -92,10 +91,9 @@ class Recorder(Closing):
         size: int = 60,
         when_full: Literal["drop", "wait"] = "drop",
         report: Report | None = None,
-        reserve: int = RESERVE,
     ) -> None:
         self.path, self.runner, self.when_full, self.report = Path(path), runner, when_full, report
-        self.reserve, self.steps, self.dropped, self.kept, self.number, self.failed = reserve, 0, 0, 0, 0, ""
+        self.steps, self.dropped, self.kept, self.number, self.failed = 0, 0, 0, 0, ""
         self.queue: queue.Queue[Waiting | None] = queue.Queue(size)
         self.channels: dict[str, int] = {}
         if self.path.suffix != ".mcap":
@@ -205,8 +203,8 @@ class Recorder(Closing):
         self.writer.flush()
         os.fsync(self.file.fileno())
         self.kept = self.steps
-        if shutil.disk_usage(self.path.parent).free < self.reserve:
-            raise OSError(f"the disk is full: less than {self.reserve / 1e6:.0f} MB are left")
+        if shutil.disk_usage(self.path.parent).free < RESERVE:
+            raise OSError(f"the disk is full: less than {RESERVE / 1e6:.0f} MB are left")
 
     def close(self) -> None:
         """Write what is left, and the record that says that nothing is missing. Calling it again does nothing."""
@@ -381,14 +379,11 @@ class Comparison:
         steps: number of steps replayed.
         same: number of them with the same command to the bit.
         first_different: number of the first other one.
-        speed_difference, curvature_difference: largest, m/s and 1/m.
     """
 
     steps: int = 0
     same: int = 0
     first_different: int | None = None
-    speed_difference: float = 0.0
-    curvature_difference: float = 0.0
 
 
 def replay(
@@ -398,13 +393,13 @@ def replay(
 
     Args:
         observers: called after every step; `wanted` and `state` are of now, `sent` and `standing` are of then.
-        report: called with one line when the car stopped and went on, and for the first command that differs.
+        report: called with one line when the car stopped and went on.
     """
-    result, standing, say = Comparison(), None, report or cast("Callable[[str], None]", lambda line: None)
+    result, standing = Comparison(), None
     with torch.inference_mode():
         for step in recording.steps():
-            if step.standing != standing:
-                say(f"resumed after: {standing}" if step.standing is None else f"stopped: {step.standing}")
+            if report is not None and step.standing != standing:
+                report(f"resumed after: {standing}" if step.standing is None else f"stopped: {step.standing}")
                 standing = step.standing
             if not step.used or step.frames is None:
                 runner.roll(step.driven)
@@ -414,10 +409,6 @@ def replay(
                 result.same += wanted == step.wanted
                 if wanted != step.wanted and result.first_different is None:
                     result.first_different = step.number
-                    say(f"step {step.number}: the replay wants something else than was recorded")
-                speed, curvature = (abs(a - b) for a, b in zip(wanted, step.wanted, strict=True))
-                result.speed_difference = max(result.speed_difference, speed)
-                result.curvature_difference = max(result.curvature_difference, curvature)
                 step = step._replace(wanted=wanted, state=runner.state)
             for observer in observers:
                 observer(step)

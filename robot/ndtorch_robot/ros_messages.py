@@ -6,9 +6,8 @@ x forward, y left. A message is an object of the definitions of `rosbags`, with 
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -24,9 +23,6 @@ from ndtorch.navigation.mapping.map_files import FREE, OCCUPIED, PIXEL, ros_pixe
 from ndtorch_robot.ports import DriveCommand
 
 MAP, ODOM, BASE = "map", "odom", "base_link"
-
-OK, WARN, ERROR = 0, 1, 2
-"""Levels of a diagnostic status."""
 
 BEAMS, HALF_ANGLE = 181, math.pi / 2
 """Beams of a scan, one a degree, and its angle to each side, radians."""
@@ -147,17 +143,6 @@ def occupancy_grid(cells: torch.Tensor, grid: Grid, time: float, path: Sequence[
     rows, columns = values.shape
     info = new("nav_msgs/msg/MapMetaData", at.stamp, grid.cell * PIXEL, columns, rows, origin)
     return new("nav_msgs/msg/OccupancyGrid", at, info, values.reshape(-1))
-
-
-def diagnostics(standing: str | None, telemetry: Mapping[str, Any], time: float) -> Any:
-    """`diagnostic_msgs/DiagnosticArray`: OK while the car drives, ERROR with the reason while it stands."""
-    words = {
-        key: value if isinstance(value, str) else json.dumps(value, default=str) for key, value in telemetry.items()
-    }
-    values = [new("diagnostic_msgs/msg/KeyValue", *item) for item in words.items()]
-    level = OK if standing is None else ERROR
-    status = new("diagnostic_msgs/msg/DiagnosticStatus", level, "ndtorch: car", standing or "drives", "", values)
-    return new("diagnostic_msgs/msg/DiagnosticArray", header(time, BASE), [status])
 
 
 def image(pixels: torch.Tensor, frame: str, time: float) -> Any:

@@ -58,7 +58,7 @@ def make_car(
     limits, half, body = config.safety_limits(), config.navigation.map_half_size_m, config.body.body()
     grid = Grid(-half, half, -half, half) if half else None
     runner = NavigatorRunner(config.navigation.options(), rig, config.rate_hz, grid, near_check, body)
-    check = CameraMonitor(rig, config.rate_hz, limits.frame_age_s, config.camera_monitor)
+    check = CameraMonitor(rig, config.rate_hz, limits.frame_age_s)
     safe = SafeDrive(drive, clock, limits, check, report)
     return Car(runner, cameras, safe, observers=observers, go=go)
 

@@ -15,7 +15,6 @@ from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions, check_opt
 from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import Strict, read_toml, refuse_unknown
 from ndtorch_robot.bridges import BRIDGES
-from ndtorch_robot.camera_monitor import CameraLimits
 from ndtorch_robot.link import HOSTED_BOARD, SERIAL, check_link, read_settings
 from ndtorch_robot.safety import SafetyLimits
 
@@ -175,7 +174,6 @@ class RunConfig(RobotTable):
     `ndtorch_robot/link/`."""
     bridges: Mapping[str, Settings] = Field(default_factory=dict)
     """Bridges of these kinds beside the loop, each with the keys of its kind."""
-    camera_monitor: CameraLimits = CameraLimits()
     navigation: NavigationTable = NavigationTable()
     cameras: dict[str, str | int | float] | None = None
     simulation: SimulationTable | None = None

@@ -116,7 +116,6 @@ def test_a_change_of_direction_does_not_hide_a_frozen_image():
 @pytest.mark.parametrize(
     ("change", "kind"),
     [
-        (lambda given, kept: given._replace(left=None), FaultKind.MISSING),
         (lambda given, kept: given._replace(time=given.time + 0.05), FaultKind.TIMES),
         (lambda given, kept: given._replace(time=float("nan")), FaultKind.TIMES),
         (lambda given, kept: given._replace(time=given.time - 0.2), FaultKind.AGE),

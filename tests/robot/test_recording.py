@@ -148,8 +148,9 @@ def test_a_disk_that_fails_ends_the_recording_and_not_the_drive(tmp_path, monkey
     assert ("No space left" in recorder.failed) == isinstance(error, OSError)
 
 
-def test_the_disk_is_not_filled(tmp_path):
-    recorder = write(tmp_path / "r.mcap", reserve=10**18)
+def test_the_disk_is_not_filled(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "RESERVE", 10**18)
+    recorder = write(tmp_path / "r.mcap")
     assert "less than 1000000000000 MB are left" in recorder.failed
 
 
@@ -222,7 +223,6 @@ def test_other_frames_give_other_commands(tmp_path, capsys):
     assert main(["replay", str(path), "--json"]) == 1
     result = json.loads(capsys.readouterr().out)
     assert 5 < result["first_different"] < 35
-    assert result["curvature_difference"] > 0.1
 
 
 def test_gaps_and_damage_leave_the_rest_compared(tmp_path, capsys):

@@ -1,15 +1,13 @@
-"""Calibrations of stereo pairs in the formats of ROS, KITTI, EuRoC, Middlebury, OpenCV and Kalibr."""
+"""Calibrations of stereo pairs in the formats of ROS, KITTI, EuRoC, OpenCV and Kalibr."""
 
 from __future__ import annotations
 
-import contextlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -21,18 +19,12 @@ from ndtorch.utils.files import read_text
 Floats = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
-FORMATS = "ROS camera_info or ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, Middlebury calib.txt, OpenCV, Kalibr"
+FORMATS = "ROS camera_info or ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, OpenCV, Kalibr"
 MAX_BYTES = 50_000
 PINHOLE = {"", "none", "plumb_bob", "rational_polynomial", "radtan", "radial-tangential", "radial_tangential"}
 """Distortion models whose coefficients OpenCV takes as they are."""
 
 ROS_MATRICES = ("K", "camera"), ("R", "rectification"), ("P", "projection")
-
-LENS = (
-    *("M{0}", "K{0}", "cameraMatrix{0}", "camera_matrix_{0}", "{1}_camera_matrix"),
-    *("D{0}", "distCoeffs{0}", "dist_coeffs_{0}", "{1}_distortion_coefficients"),
-)
-"""Names under which samples and tools write the matrices and coefficients of `cv2.stereoCalibrate`."""
 
 
 class PairCamera(NamedTuple):
@@ -81,17 +73,6 @@ class StereoCalibration:
             for camera in (self.left, self.right)
         )
 
-    def resized(self, width: int, height: int) -> StereoCalibration:
-        """The calibration of the same images scaled to another size."""
-        across, down = (width / self.size[0], height / self.size[1]) if self.size else (1.0, 1.0)
-        # Pixel centers are at whole numbers: the border of the image is at -1/2.
-        scale = np.array([[across, 0, (across - 1) / 2], [0, down, (down - 1) / 2], [0, 0, 1]])
-        left, right = (
-            camera._replace(matrix=scale @ camera.matrix, projection=scale @ camera.projection)
-            for camera in (self.left, self.right)
-        )
-        return StereoCalibration(left, right, (width, height))
-
     @cached_property
     def maps(self) -> list[Any]:
         """Position in the raw images of each pixel of the rectified ones."""
@@ -126,18 +107,16 @@ def load_calibration(
     *paths: str | Path,
     width: int | None = None,
     height: int | None = None,
-    rescale: bool = False,
-    unit_m: float | None = None,
+    unit_m: float = 1.0,
     cameras: tuple[int, int] = (0, 1),
 ) -> StereoCalibration:
     """The calibration in one file of both cameras, or in two files, the left camera first.
 
     Args:
-        paths: ROS camera_info or ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, Middlebury calib.txt, OpenCV
-            FileStorage (yml, xml) or Kalibr camchain.
+        paths: ROS camera_info or ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, OpenCV FileStorage (yml with M1, D1,
+            M2, D2, R, T and image_width, image_height, or with P1 and P2) or Kalibr camchain.
         width, height: of the frames, pixels, where the file does not say or to check what it says.
-        rescale: The calibration is scaled where the frames have another size.
-        unit_m: Lengths of the file are so many metres; 0.001 for Middlebury, which has mm, else 1.
+        unit_m: Lengths of the file are so many metres; 0.001 for mm.
         cameras: numbers of the left and the right camera in a file of KITTI or Kalibr that has more.
 
     Raises:
@@ -149,41 +128,26 @@ def load_calibration(
     try:
         texts = [read_text(path, MAX_BYTES).removeprefix("\ufeff") for path in paths]
         pair = of_lines(texts[0], cameras, unit_m) if len(texts) == 1 else None
-        pair = pair or of_tables([parsed(text) for text in texts], cameras, 1.0 if unit_m is None else unit_m)
+        pair = pair or of_tables([parsed(text) for text in texts], cameras, unit_m)
     except OSError as error:
         raise InputError(f"{names}: cannot be read ({error.strerror})") from None
     except InputError as error:
         raise InputError(f"{names}: {error}") from None
-    except (LookupError, ValueError, TypeError, AttributeError, RecursionError, SyntaxError, cv2.error) as error:
+    except (LookupError, ValueError, TypeError, AttributeError, RecursionError, cv2.error) as error:
         raise InputError(f"{names}: no calibration that is known ({FORMATS}): {error}") from None
     if width is None or height is None:
         return pair
-    if pair.size is not None and pair.size != (width, height) and not rescale:
-        raise InputError(
-            f"{names}: the calibration is for {pair.size[0]}x{pair.size[1]} images and the frames are "
-            f"{width}x{height}; rescale=True scales it, where the frames are scaled images and not cut ones"
-        )
-    return pair.resized(width, height)
+    if pair.size not in (None, (width, height)):
+        raise InputError(f"{names}: the calibration is for {pair.size} images and the frames are {(width, height)}")
+    return replace(pair, size=(width, height))
 
 
-def of_lines(text: str, cameras: tuple[int, int], unit_m: float | None) -> StereoCalibration | None:
-    """The pair in lines of a name and numbers, as of KITTI and Middlebury; None for other files."""
-    rows = []
-    for line in text.splitlines():
-        name, _, numbers = line.rpartition("=" if "=" in line else ":")
-        with contextlib.suppress(ValueError):
-            rows.append((name.strip(), np.array(re.sub(r"[][;]", " ", numbers).split(), np.float64)))
-    values = dict(rows)
-    if "cam0" in values and "baseline" in values:
-        size = int(values["width"][0]), int(values["height"][0])
-        # Where the axes meet other columns, the right images are shifted by doffs: both have the left camera's axis.
-        left, right = (np.hstack((values["cam0"].reshape(3, 3), np.zeros((3, 1)))) for _ in range(2))
-        right[0, 3] = -left[0, 0] * values["baseline"][0] * (0.001 if unit_m is None else unit_m)
-        return StereoCalibration(rectified_camera(left, 1.0), rectified_camera(right, 1.0), size)
-    matrices = [row.reshape(3, 4) for name, row in rows if row.size == 12 and name[:1] in ("P", "")]
-    if len(matrices) <= max(cameras):
+def of_lines(text: str, cameras: tuple[int, int], unit: float) -> StereoCalibration | None:
+    """The pair in lines of a name and numbers, as of KITTI; None for other files."""
+    rows = [line.rpartition(":")[2].split() for line in text.splitlines() if line.startswith("P")]
+    if len(rows) <= max(cameras) or any(len(row) != 12 for row in rows):
         return None
-    first, second = (rectified_camera(matrices[n], unit_m or 1.0) for n in cameras)
+    first, second = (rectified_camera(np.array(rows[n], np.float64).reshape(3, 4), unit) for n in cameras)
     return StereoCalibration(first, second, None)
 
 
@@ -213,20 +177,15 @@ def of_tables(tables: list[dict[str, Any]], cameras: tuple[int, int], unit: floa
 
 
 def of_opencv(table: Mapping[str, Any], unit: float) -> StereoCalibration:
-    size = table.get("imageSize", table.get("image_size", table.get("size")))
-    if size is None and ("image_width" in table or "width" in table):
-        size = image_size(table)
-    size = None if size is None else (int(size[0]), int(size[1]))
+    size = image_size(table) if "image_width" in table else None
     if "P1" in table and "P2" in table and "R" not in table:
         first, second = (rectified_camera(array(table[name]).reshape(3, 4), unit) for name in ("P1", "P2"))
         return StereoCalibration(first, second, size)
     if size is None:
-        raise ValueError("expected M1, D1, M2, D2, R, T and the image size, or P1 and P2")
-    left, right = ([name.format(n, side) for name in LENS] for n, side in ((1, "left"), (2, "right")))
-    matrices = [array(pick(table, *names[:5])).reshape(3, 3) for names in (left, right)]
-    distortions = [array(pick(table, *names[5:])) for names in (left, right)]
-    turn, shift = array(pick(table, "R", "rotation")), array(pick(table, "T", "translation"))
-    return stereo_calibration(matrices, distortions, turn.reshape(3, 3), shift * unit, size)
+        raise ValueError("expected M1, D1, M2, D2, R, T, image_width and image_height, or P1 and P2")
+    matrices, distortions = ([array(table[f"{name}{n}"]) for n in (1, 2)] for name in "MD")
+    turn, shift = array(table["R"]).reshape(3, 3), array(table["T"]) * unit
+    return stereo_calibration([matrix.reshape(3, 3) for matrix in matrices], distortions, turn, shift, size)
 
 
 def ros_camera(table: Mapping[str, Any], unit: float) -> PairCamera:
@@ -289,13 +248,7 @@ def array(value: Any) -> Floats:
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """The table of a YAML file, or of an XML file of OpenCV."""
-    if text.lstrip().startswith("<?xml"):
-        if "<!" in text:
-            raise ValueError("XML with declarations is not read")
-        root = ElementTree.fromstring(text)
-        words = {node.tag: (node.findtext("data") or node.text or "").split() for node in root}
-        return {name: values[0] if len(values) == 1 else values for name, values in words.items()}
+    """The table of a YAML file."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 

@@ -80,18 +80,17 @@ class StereoRig:
         *paths: str | Path,
         width: int | None = None,
         height: int | None = None,
-        rescale: bool = False,
-        unit_m: float | None = None,
+        unit_m: float = 1.0,
         cameras: tuple[int, int] = (0, 1),
         **where: float,
     ) -> StereoRig:
         """The rig of a calibration that somebody else has made, in one file or in one a camera, the left one first.
 
-        ROS camera_info and ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, Middlebury calib.txt, OpenCV FileStorage and
+        ROS camera_info and ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, OpenCV FileStorage and
         Kalibr camchain are read. It is the rig of the rectified pair; `load_calibration` has what rectifies images.
 
         Args:
-            paths, width, height, rescale, unit_m, cameras: as `load_calibration`.
+            paths, width, height, unit_m, cameras: as `load_calibration`.
             where: `camera_height`, `pitch` and `forward`, which no calibration knows.
 
         Raises:
@@ -100,7 +99,7 @@ class StereoRig:
         """
         from ndtorch.navigation.stereo.calibration_files import load_calibration  # cv2
 
-        found = load_calibration(*paths, width=width, height=height, rescale=rescale, unit_m=unit_m, cameras=cameras)
+        found = load_calibration(*paths, width=width, height=height, unit_m=unit_m, cameras=cameras)
         if found.size is None:
             raise InputError(f"{paths[0]} does not say how large the images are: give width and height of the frames")
         left, right = found.left.projection, found.right.projection

@@ -29,8 +29,6 @@ PUBLISHED = {
     "scan": "sensor_msgs/msg/LaserScan",
     "odom": "nav_msgs/msg/Odometry",
     "tf": "tf2_msgs/msg/TFMessage",
-    "cmd_vel": "geometry_msgs/msg/Twist",
-    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "map": "nav_msgs/msg/OccupancyGrid",
 }
 GOAL = "geometry_msgs/msg/PoseStamped"
@@ -51,7 +49,7 @@ class Ros2Settings(Strict):
 
 
 class Ros2Bridge(Bridge):
-    """Publishes /scan, /odom, /tf, /diagnostics, /cmd_vel and /map, and takes /goal_pose where there are goals.
+    """Publishes /scan, /odom, /tf and /map, and takes /goal_pose where there are goals.
 
     Topics and types have the names that ROS 2 gives them over DDS: `/scan` is `rt/scan`.
 
@@ -81,8 +79,6 @@ class Ros2Bridge(Bridge):
         # The least delay so far is taken for none: steps have the times of the loop's clock, stamps those of the wall.
         self.wall_clock = min(self.wall_clock, time.time() - step.time)
         now, state, navigator = step.time + self.wall_clock, step.state, self.opening.runner.navigator
-        self.send["cmd_vel"](ros.twist(step.sent))
-        self.send["diagnostics"](ros.diagnostics(step.standing, step.telemetry, now))
         if state is None:
             return
         self.send["scan"](ros.laser_scan(seen_obstacles(state, navigator), now))

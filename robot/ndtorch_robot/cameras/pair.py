@@ -125,7 +125,6 @@ class CameraReader:
         due: for files that play at their rate: when the next frame is due, s on the monotonic clock.
         trouble: why there are no frames at present, or nothing.
         ended: whether a file has no more frames.
-        frames, lost: number of frames, and of times that the camera was lost.
     """
 
     def __init__(
@@ -133,8 +132,9 @@ class CameraReader:
     ) -> None:
         self.source, self.settings, self.opener, self.deliver = source, settings, opener, deliver
         self.capture: Capture | None = opener(source, settings)
-        self.due, self.period = 0.0, 1.0 / frame_rate(self.capture, source, settings)
-        self.trouble, self.ended, self.lost, self.frames = "", False, 0, 0
+        declared = 0.0 if source.live else self.capture.get(cv2.CAP_PROP_FPS)
+        self.due, self.period = 0.0, 1 / (declared if 0 < declared <= 1000 else settings.rate_hz)
+        self.trouble, self.ended = "", False
         self.closed = threading.Event()
         self.thread = threading.Thread(target=self.run, name=f"camera {source.name}", daemon=True)
 
@@ -165,12 +165,12 @@ class CameraReader:
         good, image = capture.retrieve()
         if not good or image is None:
             return False
-        self.due, self.trouble, self.frames = self.due + self.period, "", self.frames + 1
+        self.due, self.trouble = self.due + self.period, ""
         self.deliver(Frame(image, taken, time.monotonic()))
         return True
 
     def reopen(self) -> None:
-        self.lost, self.trouble, attempt = self.lost + 1, "no more frames: unplugged, or stopped by the driver", 0
+        self.trouble, attempt = "no more frames: unplugged, or stopped by the driver", 0
         while not self.closed.wait(BACK_OFF_S[min(attempt, len(BACK_OFF_S) - 1)]):
             attempt += 1
             try:
@@ -207,7 +207,6 @@ class StereoCameras(Closing):
 
     Attributes:
         pairing: counts and times so far.
-        unread: number of pairs that a newer one replaced before anybody asked.
 
     Raises:
         InputError: a source that cannot be opened or gives no frames or ones of another size.
@@ -223,12 +222,12 @@ class StereoCameras(Closing):
         self.changed = threading.Condition()
         self.pairing = Pairing(settings.tolerance_ms / 1e3)
         self.pair: Pair | None = None
-        self.unread, self.begun, live = 0, False, any(source.live for source in self.sources)
+        self.begun = False
         self.readers: list[CameraReader] = []
         try:
             for side, source in enumerate(self.sources):
                 self.readers.append(CameraReader(source, settings, opener, partial(self.add, side)))
-            if live:
+            if any(source.live for source in self.sources):
                 self.begin(one_after_the_other=True)
         except BaseException:
             self.close()
@@ -261,9 +260,7 @@ class StereoCameras(Closing):
     def add(self, side: int, frame: Frame) -> None:
         with self.changed:
             pair = self.pairing.add(side, frame)
-            if pair is not None:
-                self.unread += self.pair is not None
-                self.pair = pair
+            self.pair = pair or self.pair
             self.changed.notify_all()
 
     def read(self) -> StereoFrames:
@@ -281,12 +278,6 @@ class StereoCameras(Closing):
 
     def read_pair(self) -> Pair:
         """As `read`, but the two images as they came, with their times."""
-        pair = self.next_pair()
-        for side, frame in enumerate(pair):
-            self.check_image(side, frame.image)
-        return pair
-
-    def next_pair(self) -> Pair:
         if not self.begun:
             self.begin()
         limit, began = self.settings.max_age_ms / 1e3, time.monotonic()
@@ -295,33 +286,28 @@ class StereoCameras(Closing):
                 now = time.monotonic()
                 pair, self.pair = self.pair, None
                 if pair is not None and now - pair.time <= limit:
-                    return pair
-                for side, reader in enumerate(self.readers):
-                    if reader.ended and not self.awaited(side):
-                        raise FramesEnded(f"{SIDES[side]} {self.sources[side].name} ended after {reader.frames} frames")
-                if now - began >= limit:
+                    break
+                late, ended = now - began >= limit, [reader.ended for reader in self.readers]
+                if all(ended) or (late and any(ended)):
+                    raise FramesEnded(f"{self.settings.left} or {self.settings.right} has no more frames")
+                if late:
                     raise CamerasSilent(self.silence(now))
                 self.changed.wait(min(limit - (now - began), 0.02))
-
-    def awaited(self, side: int) -> bool:
-        """Whether the last frame of a file waits for that of the other file."""
-        other, frame, newest = self.readers[1 - side], self.pairing.newest[side], self.pairing.newest[1 - side]
-        if frame is None or not self.pairing.free[side] or other.ended or other.source.live:
-            return False
-        return newest is None or newest.time < frame.time
+        for side, frame in enumerate(pair):
+            self.check_image(side, frame.image)
+        return pair
 
     def silence(self, now: float) -> str:
-        reasons, limit, times = [], self.settings.max_age_ms / 1e3, []
+        reasons, limit = [], self.settings.max_age_ms / 1e3
         for side, reader in enumerate(self.readers):
             frame = self.pairing.newest[side]
-            times.append(0.0 if frame is None else frame.time)
             if reader.trouble or frame is None or now - frame.time > limit:
                 age = "no frame yet" if frame is None else f"its last frame {1e3 * (now - frame.time):.0f} ms ago"
                 trouble = f": {reader.trouble}" if reader.trouble else ""
                 reasons.append(f"the {SIDES[side]} camera ({reader.source.name}) gave {age}{trouble}")
         return "; ".join(reasons) or (
-            f"no pair of frames for {1e3 * limit:g} ms: both cameras give frames, the newest are "
-            f"{1e3 * abs(times[0] - times[1]):.0f} ms apart and {self.settings.tolerance_ms:g} ms are allowed"
+            f"no pair of frames for {1e3 * limit:g} ms: both cameras give frames, but more than "
+            f"{self.settings.tolerance_ms:g} ms apart"
         )
 
     def check_image(self, side: int, image: Image) -> None:
@@ -348,12 +334,6 @@ def driver_time(capture: Capture, now: float) -> float:
     return stamp if now - TRUSTED_S < stamp <= now else now
 
 
-def frame_rate(capture: Capture, source: Source, settings: CameraSettings) -> float:
-    """Frames a second: what a file declares, where that makes sense."""
-    declared = 0.0 if source.live else capture.get(cv2.CAP_PROP_FPS)
-    return declared if 0 < declared <= 1000 else settings.rate_hz
-
-
 def to_tensor(image: Image) -> Tensor:
     """`[H, W, 3]` blue, green, red to `[1, 3, H, W]` red, green, blue; grey `[H, W]` to `[1, 1, H, W]`.
 
@@ -362,18 +342,6 @@ def to_tensor(image: Image) -> Tensor:
     if image.ndim == 2:
         return torch.from_numpy(image)[None, None]
     return torch.from_numpy(cv2.cvtColor(image, cv2.COLOR_BGR2RGB)).permute(2, 0, 1)[None]
-
-
-def probe_size(source: Source, settings: CameraSettings) -> tuple[int, int]:
-    """Width and height of the first frame of a source."""
-    capture = open_capture(source, settings)
-    try:
-        good, image = capture.retrieve() if capture.grab() else (False, None)
-    finally:
-        capture.release()
-    if not good or image is None:
-        raise InputError(f"camera {source.name}: none of its frames can be decoded")
-    return image.shape[1], image.shape[0]
 
 
 def open_cameras(

@@ -1,22 +1,31 @@
-"""The settings of the cameras, and the registry of what can stand in for one: devices, files, folders, streams.
-
-A kind of source is one file in `sources/`, or anywhere in a program of one's own: a function that opens it, with
-`@camera_source` before it.
-"""
+"""The settings of the cameras, and their sources: devices of the Linux kernel (V4L2), video files, folders, streams."""
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
+import errno
+import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
+import cv2
 import numpy as np
 from pydantic import ConfigDict, Field
 
 from ndtorch.errors import InputError
+from ndtorch.scenes import readers
 from ndtorch.utils.toml import Strict
+
+CLASS, DEV = Path("/sys/class/video4linux"), Path("/dev")
+
+MANUAL, AUTOMATIC = 1, 3
+"""Values of the V4L2 control `auto_exposure`: manual, and aperture priority."""
+
+EXPOSURE_UNIT_MS = 0.1
+"""Unit of the V4L2 control `exposure_time_absolute`."""
+
+MARGIN = 0.05
+"""Relative difference of rates and exposures that is ignored: cameras that say 29.97 for 30 mean the same."""
 
 Image = np.ndarray[Any, np.dtype[np.uint8]]
 """`[H, W, 3]` in blue, green, red, or `[H, W]` in grey."""
@@ -74,66 +83,39 @@ class Source(NamedTuple):
     """Where frames come from.
 
     Attributes:
-        kind: name of its kind.
+        kind: what it is.
         name: as the user wrote it.
         target: path or address to open.
-        live: whether frames come by themselves.
     """
 
-    kind: str
+    kind: Literal["device", "stream", "file", "folder"]
     name: str
     target: str
-    live: bool
+
+    @property
+    def live(self) -> bool:
+        """Whether frames come by themselves."""
+        return self.kind in ("device", "stream")
 
 
 Opener = Callable[[Source, CameraSettings], Capture]
 
 
-class Kind(NamedTuple):
-    """A kind of source: what it makes of a name (the target, or None), whether it is live, and what opens it."""
-
-    target: Callable[[str], str | None]
-    live: bool
-    open: Opener
-
-
-KINDS: dict[str, Kind] = {}
-
-
-def camera_source(kind: str, target: Callable[[str], str | None], live: bool = False) -> Callable[[Opener], Opener]:
-    """Decorator: this function opens sources of that kind.
-
-    Args:
-        kind: a new name.
-        target: gives the path or address to open for the name of a source of this kind, and None for any other name.
-        live: frames come by themselves.
-
-    Raises:
-        InputError: a name that is taken.
-    """
-
-    def register(open_: Opener) -> Opener:
-        if kind in KINDS:
-            raise InputError(f"there is a camera source of the kind {kind!r} already")
-        KINDS[kind] = Kind(target, live, open_)
-        return open_
-
-    return register
-
-
 def find_source(name: str) -> Source:
-    """The source that a name means; kinds of one's own are asked first.
+    """The source that a name means.
 
     Raises:
         InputError: there is no such thing.
     """
-    folder = Path(__file__).parent / "sources"
-    for module in pkgutil.iter_modules([str(folder)]):
-        importlib.import_module(f"ndtorch_robot.cameras.sources.{module.name}")
-    for kind, found in sorted(KINDS.items(), key=lambda item: item[1].open.__module__.startswith("ndtorch_robot.")):
-        target = found.target(name)
-        if target is not None:
-            return Source(kind, name, target, found.live)
+    path = Path(name)
+    if name.isdecimal():
+        return Source("device", name, f"/dev/video{name}")
+    if "://" in name or path.is_fifo():
+        return Source("stream", name, name)
+    if name.startswith("/dev/"):
+        return Source("device", name, name)
+    if path.exists():
+        return Source("folder" if path.is_dir() else "file", name, name)
     raise InputError(f"camera {name}: no such device, file or folder; `ndtorch cameras` lists the devices")
 
 
@@ -143,4 +125,118 @@ def open_capture(camera: Source, settings: CameraSettings) -> Capture:
     Raises:
         InputError: it cannot be opened, or does not take the settings.
     """
-    return KINDS[camera.kind].open(camera, settings)
+    if camera.kind == "device":
+        return open_device(camera, settings)
+    if camera.kind == "folder":
+        return FolderCapture(Path(camera.target), settings.rate_hz)
+    capture: Capture | None = readers.open_capture(camera.target)
+    if capture is None:
+        wanted = "a stream that answers" if camera.live else "a video that may be read"
+        raise InputError(f"camera {camera.name}: cannot be opened, it is not {wanted}")
+    return capture
+
+
+class FolderCapture:
+    """The images of a folder in natural order, as a capture."""
+
+    def __init__(self, folder: Path, rate: float) -> None:
+        self.files, self.rate, self.next = readers.image_files(folder), rate, 0
+
+    def grab(self) -> bool:
+        self.next += 1
+        return self.next <= len(self.files)
+
+    def retrieve(self) -> tuple[bool, Any]:
+        with readers.quiet_opencv():
+            image = cv2.imread(str(self.files[self.next - 1]), cv2.IMREAD_ANYCOLOR)
+        return image is not None, image
+
+    def get(self, propId: int) -> float:
+        return self.rate if propId == cv2.CAP_PROP_FPS else 0.0
+
+    def set(self, propId: int, value: float) -> bool:
+        return False
+
+    def release(self) -> None:
+        """Nothing is held open."""
+
+
+def open_device(camera: Source, settings: CameraSettings) -> Capture:
+    try:
+        # The system says why this fails, OpenCV does not.
+        os.close(os.open(camera.target, os.O_RDWR | os.O_NONBLOCK))
+    except OSError as error:
+        hint = ": add yourself to the group video" if error.errno == errno.EACCES else ""
+        raise InputError(f"camera {camera.name}: cannot be opened ({error.strerror}{hint})") from None
+    with readers.quiet_opencv():
+        capture = cv2.VideoCapture(os.path.realpath(camera.target), cv2.CAP_V4L2)
+    if not capture.isOpened():
+        raise InputError(f"camera {camera.name}: in use by another program, or no camera that gives images")
+    try:
+        set_up(capture, camera, settings)
+    except InputError:
+        capture.release()
+        raise
+    return capture
+
+
+def set_up(capture: Capture, camera: Source, settings: CameraSettings) -> None:
+    """Set format, size, rate, exposure and gain, and read all of it back."""
+    # The order matters: a size is one of a pixel format, and a rate one of a size.
+    code, manual = cv2.VideoWriter.fourcc(*settings.fourcc), settings.exposure_ms is not None
+    wanted: dict[str, tuple[int, float]] = {
+        "fourcc": (cv2.CAP_PROP_FOURCC, code),
+        "width": (cv2.CAP_PROP_FRAME_WIDTH, settings.width_px),
+        "height": (cv2.CAP_PROP_FRAME_HEIGHT, settings.height_px),
+        "frames a second": (cv2.CAP_PROP_FPS, settings.rate_hz),
+        "auto_exposure": (cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL if manual else AUTOMATIC),
+    }
+    if settings.exposure_ms is not None:
+        wanted["exposure"] = cv2.CAP_PROP_EXPOSURE, round(settings.exposure_ms / EXPOSURE_UNIT_MS)
+    if settings.gain is not None:
+        wanted["gain"] = cv2.CAP_PROP_GAIN, settings.gain
+    for key, value in wanted.values():
+        capture.set(key, value)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 2)  # a driver that wants more takes more: nothing depends on it
+    wrong = []
+    for name, (key, value) in wanted.items():
+        got = capture.get(key)
+        if abs(got - value) > (MARGIN * value if key in (cv2.CAP_PROP_FPS, cv2.CAP_PROP_EXPOSURE) else 0.5):
+            if name == "fourcc":
+                letters = int(got).to_bytes(8, "little", signed=True)[:4].decode("latin1")
+                wrong.append(f"fourcc {settings.fourcc!r} became {letters!r}")
+            elif name != "auto_exposure" or manual:
+                wrong.append(f"{name} {value:g} became {got:g}")
+    if wrong:
+        raise InputError(
+            f"camera {camera.name} does not do what was asked: {'; '.join(wrong)}. "
+            f"See `v4l2-ctl -d {camera.target} --list-formats-ext --list-ctrls`"
+        )
+
+
+class Device(NamedTuple):
+    """A camera the kernel knows.
+
+    Attributes:
+        node: `/dev/video0`.
+        name: what it calls itself.
+        by_path: the name under `/dev/v4l/by-path` that stays the same while the plug stays where it is, or None; it
+            says bus and port.
+    """
+
+    node: str
+    name: str
+    by_path: str | None
+
+
+def list_devices(classes: Path = CLASS, dev: Path = DEV) -> list[Device]:
+    """All nodes that give images. A USB camera has a second node for its metadata, which is left out."""
+    folder = dev / "v4l" / "by-path"
+    links = sorted(folder.iterdir(), reverse=True) if folder.is_dir() else []
+    names = {link.resolve().name: str(link) for link in links}
+    entries = sorted(classes.glob("video*"), key=lambda path: (len(path.name), path.name))
+    return [
+        Device(str(dev / entry.name), (entry / "name").read_text().strip(), names.get(entry.name))
+        for entry in entries
+        if (entry / "index").read_text().strip() == "0"
+    ]

@@ -26,18 +26,12 @@ class Cameras:
     """Right camera, named like the left one."""
     seconds: float = 5.0
     """Duration of the measurement, in s."""
-    width: int | None = None
-    """Width of a frame, in pixels (default: 640, and that of files)."""
-    height: int | None = None
-    """Height of a frame, in pixels (default: 480, and that of files)."""
+    width: int = 640
+    """Width of a frame, in pixels."""
+    height: int = 480
+    """Height of a frame, in pixels."""
     fps: float = 30.0
     """Frames a second that are requested, and at which folders play."""
-    fourcc: str = "MJPG"
-    """Pixel format that is requested."""
-    exposure_ms: float | None = 10.0
-    """Fixed exposure, in ms; 0 is automatic."""
-    tolerance_ms: float = 16.0
-    """Largest difference in time of the two frames of a pair, in ms."""
     json: bool = False
     """Print the result as one JSON object and nothing else."""
 
@@ -48,7 +42,7 @@ class Cameras:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
         if self.left is not None:
             result = self.measured()
-            text = lines(result)
+            text = [f"{name:16}{value}" for name, value in result.items()]
         else:
             from ndtorch_robot.cameras import list_devices
 
@@ -60,66 +54,34 @@ class Cameras:
         return 0
 
     def measured(self) -> dict[str, Any]:
-        """Rate, interval and latency of each camera, skew of the pairs, and what was not paired.
+        """Rate and latency of each camera, skew of the pairs, and what was not paired.
 
         The latency is from when a frame was taken until it was decoded; files are taken when they are due.
         """
         import numpy as np
 
         from ndtorch.utils.toml import check
-        from ndtorch_robot.cameras import CameraSettings, CamerasSilent, FramesEnded, StereoCameras, find_source
-        from ndtorch_robot.cameras.pair import SIDES, probe_size
+        from ndtorch_robot.cameras import CameraSettings, CamerasSilent, FramesEnded, StereoCameras
+        from ndtorch_robot.cameras.pair import SIDES
+        from ndtorch_robot.car import percentiles_ms
 
         values: dict[str, object] = {"left": self.left, "right": self.right, "max_age_ms": 500.0}
-        values |= {"width_px": self.width or 640, "height_px": self.height or 480, "rate_hz": self.fps}
-        values |= {"fourcc": self.fourcc, "exposure_ms": self.exposure_ms or None, "tolerance_ms": self.tolerance_ms}
-        settings = check(values, CameraSettings, "cameras")
-        source = find_source(settings.left)
-        if self.width is None and self.height is None and not source.live:
-            width, height = probe_size(source, settings)
-            settings = settings.model_copy(update={"width_px": width, "height_px": height})
-        until, silences, ended = time.monotonic() + self.seconds, [""], ""
-        with StereoCameras(settings) as cameras:
-            while time.monotonic() < until and not ended:
+        values |= {"width_px": self.width, "height_px": self.height, "rate_hz": self.fps}
+        until, silences = time.monotonic() + self.seconds, list[str]()
+        with StereoCameras(check(values, CameraSettings, "cameras")) as cameras:
+            while time.monotonic() < until:
                 try:
                     cameras.read_pair()
                 except CamerasSilent as silence:
                     silences.append(str(silence))
-                except FramesEnded as end:
-                    ended = str(end)
+                except FramesEnded:
+                    break
         pairing, result = cameras.pairing, dict[str, Any]()
         for side, name in enumerate(SIDES):
-            times = np.array(pairing.times[side])
-            result[name] = {"frames": pairing.frames[side]}
-            if len(times) > 2:
-                gaps, latency = np.diff(times[:, 0]) * 1e3, (times[:, 1] - times[:, 0]) * 1e3
-                result[name] |= {"rate_hz": float(1e3 / gaps.mean()), "interval_ms": percentiles(gaps)}
-                result[name]["latency_ms"] = percentiles(latency)
-        skews = np.array(pairing.skews) * 1e3
-        result["skew_ms"] = {"mean": float(skews.mean()), **percentiles(np.abs(skews))} if len(skews) else {}
-        result |= {"pairs": pairing.pairs, "unpaired": pairing.unpaired, "silences": len(silences) - 1}
-        size = [settings.width_px, settings.height_px]
-        return result | {"last_silence": silences[-1], "ended": ended, "size": size}
-
-
-def percentiles(values: Any) -> dict[str, float]:
-    import numpy as np
-
-    return dict(zip(("p1", "p50", "p99", "max"), np.percentile(values, (1, 50, 99, 100)).tolist(), strict=True))
-
-
-def lines(result: dict[str, Any]) -> list[str]:
-    text = [f"{result['size'][0]}x{result['size'][1]}, {result['pairs']} pairs, unpaired {result['unpaired']}"]
-    for name in ("left", "right"):
-        part = result[name]
-        words = f"{name:6s} {part['frames']} frames"
-        for key, what in (("interval_ms", "interval"), ("latency_ms", "latency")):
-            if key in part:
-                words += f", {what} {part[key]['p50']:.1f} ms, 99 % below {part[key]['p99']:.1f} ms"
-        text.append(words + (f", {part['rate_hz']:.2f} frames/s" if "rate_hz" in part else ""))
-    if result["skew_ms"]:
-        skew = result["skew_ms"]
-        text.append(f"skew   mean {skew['mean']:+.2f} ms (right later), 99 % within {skew['p99']:.2f} ms")
-    if result["silences"]:
-        text.append(f"no pair {result['silences']} times; last: {result['last_silence']}")
-    return [*text, result["ended"]] if result["ended"] else text
+            taken, arrived = np.array(pairing.times[side]).reshape(-1, 2).T
+            rate = float(1 / np.diff(taken).mean()) if len(taken) > 1 else None
+            result[name] = {"frames": pairing.frames[side], "rate_hz": rate}
+            result[name]["latency_ms"] = percentiles_ms(arrived - taken)
+        result["skew_ms"] = percentiles_ms(map(abs, pairing.skews))
+        result |= {"pairs": pairing.pairs, "unpaired": pairing.unpaired, "silences": len(silences)}
+        return result | {"last_silence": silences[-1] if silences else None}

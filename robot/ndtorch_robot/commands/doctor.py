@@ -117,8 +117,7 @@ def kernels() -> Iterator[Finding]:
 
 def cameras() -> Iterator[Finding]:
     from ndtorch.errors import InputError
-    from ndtorch_robot.cameras import CameraSettings, find_source, list_devices
-    from ndtorch_robot.cameras.pair import probe_size
+    from ndtorch_robot.cameras import CameraSettings, find_source, list_devices, open_capture
 
     devices = list_devices()
     if len(devices) < 2:
@@ -127,8 +126,8 @@ def cameras() -> Iterator[Finding]:
     for device in devices:
         try:
             settings = CameraSettings(left=device.node, right=device.node)
-            width, height = probe_size(find_source(device.node), settings)
-            yield Finding(device.node, "works", f"{device.name}, {width}x{height}")
+            open_capture(find_source(device.node), settings).release()
+            yield Finding(device.node, "works", device.name)
         except InputError as error:
             yield Finding(device.node, "fails", f"{device.name}: {error}", "ndtorch cameras lists what is there")
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import signal
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -36,10 +33,6 @@ class Replay:
     """Recording, NAME.mcap."""
     rrd: Path | None = None
     """File of the rerun viewer for the replay."""
-    view: bool = False
-    """Show the replay in the rerun viewer, which listens at 127.0.0.1 only."""
-    view_at: str | None = None
-    """ADDRESS or ADDRESS:PORT at which the replay is served until Ctrl-C, for `rerun rerun+http://ADDRESS:9876/proxy`."""
     json: bool = False
     """Print the result as one JSON object and nothing else."""
 
@@ -50,17 +43,13 @@ class Replay:
 
         torch.set_num_threads(1)
         recording = open_recording(self.file)
-        if self.rrd or self.view or self.view_at:
-            comparison = self.shown(recording)
-        else:
+        if self.rrd is None:
             comparison = replay(recording, make_runner(recording.configuration))
+        else:
+            comparison = shown(recording, self.rrd)
         names = ("complete", "missing", "damaged")
         result = asdict(comparison) | {name: getattr(recording, name) for name in names}
         print(json.dumps(result) if self.json else describe(recording, result))
-        if self.view_at:
-            print(f"served at {self.view_at} until Ctrl-C", file=sys.stderr)
-            with contextlib.suppress(KeyboardInterrupt):
-                signal.pause()
         if self.rrd is not None:
             from ndtorch.report.recording import why_not_whole
 
@@ -72,18 +61,19 @@ class Replay:
             return DIFFERENT
         return NOT_ALL if gaps or not recording.complete or not comparison.steps else 0
 
-    def shown(self, recording: Recording) -> Comparison:
-        from ndtorch_robot.ports import print_note
-        from ndtorch_robot.recording import make_runner, replay
-        from ndtorch_robot.view import View, Where, open_stream
 
-        runner = make_runner(recording.configuration, mapping=True)
-        stream = open_stream(f"replay {self.file.stem}", Where(self.rrd, self.view, self.view_at))
-        view = View(stream, runner, print_note, wait=True, title="replay")
-        try:
-            return replay(recording, runner, [view], view.report)
-        finally:
-            view.close()
+def shown(recording: Recording, rrd: Path) -> Comparison:
+    from ndtorch_robot.ports import print_note
+    from ndtorch_robot.recording import make_runner, replay
+    from ndtorch_robot.view import View, Where, open_stream
+
+    runner = make_runner(recording.configuration, mapping=True)
+    stream = open_stream(f"replay {recording.path.stem}", Where(rrd))
+    view = View(stream, runner, print_note, wait=True, title="replay")
+    try:
+        return replay(recording, runner, [view], view.report)
+    finally:
+        view.close()
 
 
 def describe(recording: Recording, r: dict[str, Any]) -> str:
@@ -97,8 +87,5 @@ def describe(recording: Recording, r: dict[str, Any]) -> str:
     elif r["same"] == r["steps"]:
         lines.append("  the same commands, bit for bit")
     else:
-        lines.append(
-            f"  {r['steps'] - r['same']} commands differ, the first in step {r['first_different']}, by up to "
-            f"{r['speed_difference']:.3f} m/s and {r['curvature_difference']:.3f} 1/m"
-        )
+        lines.append(f"  {r['steps'] - r['same']} commands differ, the first in step {r['first_different']}")
     return "\n".join(lines)

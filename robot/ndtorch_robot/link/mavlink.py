@@ -31,8 +31,7 @@ MOTION_RATE = 30
 """Times a second that the autopilot is asked for its motion."""
 
 GUIDED = 15
-MODES = {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", GUIDED: "GUIDED"}
-"""Modes of ArduPilot Rover."""
+"""Number of the mode of ArduPilot Rover that takes set-points."""
 
 VELOCITY_AND_YAW_RATE = 0x5C7
 """Type mask of a set-point: velocity and yaw rate count, all else does not."""
@@ -55,23 +54,12 @@ class MavlinkSettings(Strict):
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
 
 
-class MavlinkDriveSettings(MavlinkSettings):
-    """`[link]` with `kind = "mavlink"`.
-
-    Args:
-        arm: the car may arm the autopilot, and set its mode, when it is resumed; else a person does both.
-    """
-
-    arm: bool = False
-
-
 class MavlinkConnection:
     """A connection to the autopilot of one vehicle, which a link and a bridge share; a thread reads, anybody sends.
 
     Attributes:
         dialect: the module with the messages and constants of MAVLink 2.
         latest: last message of the autopilot of each type, and when it came.
-        others: systems that were heard and are not listened to.
         look_after: called by the thread every `TICK` seconds.
         now: the time, s.
     """
@@ -89,7 +77,6 @@ class MavlinkConnection:
         except (OSError, ValueError, IndexError) as error:
             raise InputError(f"{settings.device}: cannot be opened ({error})") from None
         self.latest: dict[str, tuple[float, Any]] = {}
-        self.others: set[int] = set()
         self.look_after: Callable[[], None] = lambda: None
         self.lock, self.closing, self.heard = threading.Lock(), threading.Event(), threading.Event()
         self.thread = threading.Thread(target=self.listen, name="mavlink", daemon=True)
@@ -122,11 +109,6 @@ class MavlinkConnection:
                 return False
         return True
 
-    def ask(self, command: int, *params: float) -> bool:
-        """Send a COMMAND_LONG to the autopilot."""
-        seven = (*params, *[0.0] * (7 - len(params)))
-        return self.send("command_long", self.settings.system_id, AUTOPILOT, command, 0, *seven)
-
     def age(self, kind: str) -> float:
         """Seconds since the last message of this type; infinite before any."""
         return self.now() - self.latest[kind][0] if kind in self.latest else math.inf
@@ -146,41 +128,34 @@ class MavlinkConnection:
                 self.closing.wait(TICK)
 
     def take(self, message: Any) -> None:
-        system, kind = message.get_srcSystem(), message.get_type()
-        if system != self.settings.system_id:
-            self.others |= {system} if kind == "HEARTBEAT" else set()
-        elif message.get_srcComponent() == AUTOPILOT:
-            self.latest[kind] = self.now(), message
-            if kind == "HEARTBEAT":
-                self.heard.set()
+        if (message.get_srcSystem(), message.get_srcComponent()) != (self.settings.system_id, AUTOPILOT):
+            return
+        self.latest[message.get_type()] = self.now(), message
+        if message.get_type() == "HEARTBEAT":
+            self.heard.set()
 
 
 class MavlinkDrive(Drive):
     """A rover whose autopilot takes velocity set-points.
 
     It obeys while the autopilot is armed, in GUIDED, heard, and the loop sends commands. When one of these ends it
-    stands until `resume`, and neither mode nor arming are changed by themselves: who switches to MANUAL drives.
+    stands until `resume`. A person arms it and sets its mode: who switches to MANUAL drives.
 
     Args:
         connection: to the vehicle; closed with the drive.
-        arm: see `MavlinkDriveSettings`.
         report: called once for every event, with one line.
 
     Raises:
-        InputError: no heartbeat of the system, or an autopilot that is not ArduPilot.
+        InputError: no heartbeat of the system.
     """
 
-    def __init__(self, connection: MavlinkConnection, arm: bool = False, report: Report = print) -> None:
-        self.connection, self.arm, self.report, self.lock = connection, arm, report, threading.RLock()
+    def __init__(self, connection: MavlinkConnection, report: Report = print) -> None:
+        self.connection, self.report, self.lock = connection, report, threading.RLock()
         self.standing, self.sent, self.commanded, self.asked = True, STAND, -math.inf, -math.inf
         self.fault: str | None = None
-        device = connection.settings.device
         if not connection.heard.wait(GREETING):
-            heard = f"; heard systems {', '.join(map(str, sorted(connection.others)))}" if connection.others else ""
-            raise InputError(f"{device}: no heartbeat of system {connection.settings.system_id}{heard}")
-        kind = connection.latest["HEARTBEAT"][1].autopilot
-        if kind != connection.dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
-            raise InputError(f"{device}: the autopilot is of kind {kind}, not ArduPilot")
+            settings = connection.settings
+            raise InputError(f"{settings.device}: no heartbeat of system {settings.system_id}")
         connection.look_after = self.look_after
 
     def send(self, command: SafeCommand) -> DriveCommand:
@@ -208,15 +183,9 @@ class MavlinkDrive(Drive):
         self.set_point(STAND)
 
     def resume(self) -> bool:
-        """Obey again if the autopilot does.
-
-        Where it may, it is armed and set to GUIDED, which takes until the next attempt.
-        """
+        """Obey again if the autopilot does."""
         with self.lock:
-            d, reason = self.connection.dialect, self.why_not()
-            if self.arm and reason is not None and not reason.startswith("lost"):
-                self.connection.ask(d.MAV_CMD_DO_SET_MODE, d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, GUIDED)
-                self.connection.ask(d.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+            reason = self.why_not()
             self.fault, self.standing, self.commanded = reason, reason is not None, self.connection.now()
             return reason is None
 
@@ -224,9 +193,8 @@ class MavlinkDrive(Drive):
         flag = self.connection.dialect.MAV_MODE_FLAG_SAFETY_ARMED
         return bool(self.connection.latest["HEARTBEAT"][1].base_mode & flag)
 
-    def mode(self) -> str:
-        number = self.connection.latest["HEARTBEAT"][1].custom_mode
-        return MODES.get(number, str(number))
+    def mode(self) -> int:
+        return int(self.connection.latest["HEARTBEAT"][1].custom_mode)
 
     def why_not(self) -> str | None:
         """Why the autopilot does not obey now."""
@@ -237,7 +205,7 @@ class MavlinkDrive(Drive):
             return f"lost: no motion from the autopilot for {still:.1f} s"
         if not self.armed():
             return "the autopilot is disarmed"
-        return None if self.mode() == "GUIDED" else f"the autopilot is in mode {self.mode()}, not GUIDED"
+        return None if self.mode() == GUIDED else f"the autopilot is in mode {self.mode()}, not GUIDED"
 
     def trouble(self) -> str | None:
         """Why the rover does not obey, other than after `stop`; None when all is well."""
@@ -277,15 +245,17 @@ class MavlinkDrive(Drive):
                 self.report(f"link: {why}")
         if self.connection.age("LOCAL_POSITION_NED") > MOTION_PATIENCE and now - self.asked > 1.0:
             self.asked = now
+            vehicle = self.connection.settings.system_id, AUTOPILOT
             for message in (d.MAVLINK_MSG_ID_ATTITUDE, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
-                self.connection.ask(d.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / MOTION_RATE)
+                values = (0, message, 1e6 / MOTION_RATE, *[0.0] * 5)
+                self.connection.send("command_long", *vehicle, d.MAV_CMD_SET_MESSAGE_INTERVAL, *values)
 
 
 @link("mavlink")
-def open_mavlink(settings: MavlinkDriveSettings, opening: Opening) -> MavlinkDrive:
+def open_mavlink(settings: MavlinkSettings, opening: Opening) -> MavlinkDrive:
     connection = MavlinkConnection.open(settings)
     try:
-        return MavlinkDrive(connection, settings.arm, opening.report)
+        return MavlinkDrive(connection, opening.report)
     except BaseException:
         connection.close()
         raise

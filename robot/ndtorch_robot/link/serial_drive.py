@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import math
 import threading
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
@@ -149,20 +147,8 @@ def open_port(device: str, baud: int) -> serial.Serial:
     try:
         return serial.Serial(device, baud, timeout=READ_TIMEOUT, write_timeout=WRITE_TIMEOUT, exclusive=True)
     except (OSError, ValueError) as error:  # of which SerialException is one
-        raise InputError(f"{device}: {reason(Path(device), error)}") from None
-
-
-def reason(device: Path, error: Exception) -> str:
-    """Why a serial port cannot be opened, and what to do about it."""
-    number = getattr(error, "errno", None)
-    if not device.exists():
-        return "no such device; is the board plugged in? (ls /dev/serial/by-id)"
-    if number in (errno.EACCES, errno.EPERM):
-        group = device.group()
-        return f"no permission; be in the group {group}: sudo usermod -aG {group} $USER, then log in anew"
-    if number in (errno.EAGAIN, errno.EBUSY) or "lock" in str(error):
-        return "in use by another program"
-    return f"is no serial port, or cannot be opened ({error})"
+        hint = "is the board plugged in, the port free, and this user in the group dialout?"
+        raise InputError(f"{device}: cannot be opened ({error}); {hint}") from None
 
 
 @link(SERIAL)

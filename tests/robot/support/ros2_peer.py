@@ -43,7 +43,6 @@ LaserScan_ = struct("sensor_msgs", "LaserScan", header=Header_, **dict.fromkeys(
 TOPICS = {
     "scan": LaserScan_,
     "odom": Odometry_,
-    "cmd_vel": Twist_,
 }
 
 LO = """<CycloneDDS><Domain Id="any">
