@@ -185,9 +185,7 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
     assert main([*asked, "--out", str(tmp_path / "whole")]) == 0
     assert main([*asked, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
     resumed = ["bind", "--resume", part, "--pictures", "0", "--out", str(tmp_path / "rest")]
-    capsys.readouterr()
-    refused(resumed, capsys, "name it again to open it", str(clip))
-    assert main([*resumed, str(clip)]) == 0
+    assert main(resumed) == 0
     state = same_state(tmp_path / "whole" / "bars", tmp_path / "rest" / "bars")
     assert rows in [int(value) for name, value in state.items() if name.endswith((".steps", ".frames"))]
     found = [json.loads((tmp_path / name / "bars" / "objects.json").read_text()) for name in ("whole", "rest")]
@@ -205,11 +203,6 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
     ("changed", "words"),
     [
         *(
-            ({"source": source}, ["name it again"])
-            for source in ("http://127.0.0.1:9/x", "camera:0", "0", "file:///etc/passwd", "/dev/zero", "../../x.avi")
-        ),
-        ({"model": "/etc"}, ["model /etc", "name it again"]),
-        *(
             ({key: value}, [key])
             for key, value in (
                 *(("frames", "x"), ("frames", -1), ("fit", 3), ("gamma", []), ("seed", -1), ("fps", 1e300)),
@@ -218,7 +211,7 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
         ),
     ],
 )
-def test_a_folder_from_others_opens_nothing_and_its_options_have_types(
+def test_options_of_a_kept_run_have_types(
     changed: dict[str, object], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     about = {"model": "foreground", "source": "two-bars", "frames": 10, "rate": 100.0}
@@ -229,21 +222,8 @@ def test_a_folder_from_others_opens_nothing_and_its_options_have_types(
     refused(["bind", "--resume", str(tmp_path / "from/others"), "--out", str(tmp_path / "out")], capsys, *words)
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_a_film_beside_the_folder_is_opened(clip: Path, tmp_path: Path) -> None:
-    film = tmp_path / "here" / clip.name
-    film.parent.mkdir()
-    film.write_bytes(clip.read_bytes())
-    quick = ["--pictures", "0", "--out", str(film.parent)]
-    assert main(["bind", str(film), "--model", "scale-free", "--settle", "0", "--seconds", "0.2", *quick]) == 0
-    assert main(["bind", "--resume", str(film.parent / film.stem), "--seconds", "0.2", *quick]) == 0
-
-
 def test_a_file_name_goes_escaped_to_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     refused(["bind", str(tmp_path / "\x1b]0;x\x07.mp4")], capsys, r"\x1b]0;x\x07.mp4")
-    film = tmp_path / "\x1b[31m.avi"
-    assert main(["render", "one-bar", str(film), "--seconds", "0.05", "--fps", "20"]) == 0
-    assert r"\x1b[31m.avi: 1 frames" in capsys.readouterr().out
 
 
 def test_a_pipe_that_nobody_reads_holds_up_nothing() -> None:

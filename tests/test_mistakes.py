@@ -37,7 +37,6 @@ CASES = {
         bind two-bars --model foreground --rule hebbian => has no option rule; published
         bind two-bars --model published --rule hebian => did you mean hebbian?
         bind clip.avi --fit stretch => no option of foreground
-        bind two-bars --mask => --mask is an option of foreground
         bind two-bars --gamma 1e300 => --gamma must be
         bind two-bars --order last => must be one of filter-first, printed
         bind two-bars --settle 1e15 => --settle must be

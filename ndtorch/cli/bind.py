@@ -12,7 +12,6 @@ from typing import Annotated
 import tyro
 
 from ndtorch.cli.command_run import INCOMPLETE, INTERRUPTED
-from ndtorch.errors import InputError
 from ndtorch.run.options import BindJob
 
 
@@ -38,8 +37,6 @@ class Bind(BindJob):
     """Show report.html in the browser when the run has ended."""
     rrd: Path | None = None
     """Recording for the rerun viewer to write."""
-    mask: bool = False
-    """Write mask.mp4 of the model foreground: white where an object is, a frame for every frame of the source."""
 
     def run(self) -> int:
         import torch
@@ -63,8 +60,6 @@ class Bind(BindJob):
         tune_allocator()
         prepared = prepare(self)
         source, model = prepared.source, prepared.model
-        if self.mask and not model.tracks:
-            raise InputError(f"--mask is an option of foreground; the model is {model.name}")
         if self.rrd is not None:
             new_file(self.rrd, self.force)
         folder = RunFolder(self.out / folder_name(source.name), self.force)
@@ -103,7 +98,7 @@ class Bind(BindJob):
                 watcher.close()
             if recording is not None:
                 recording.finish(in_words(result))
-            trouble = write_result(result, prepared.about, work, prepared.chosen, self.mask, gallery)
+            write_result(result, prepared.about, work, prepared.chosen, gallery)
         except BaseException:
             folder.discard()
             raise
@@ -116,10 +111,8 @@ class Bind(BindJob):
         half = None if self.rrd is None else why_not_whole(self.rrd)
         if half is not None:
             print(f"error: {half}", file=sys.stderr)
-        if trouble is not None:
-            print(f"error: figures cannot be written: {trouble.strerror or trouble}", file=sys.stderr)
-        elif self.open:
+        if self.open:
             open_in_browser(folder.final / NAME)
         if result.interrupted:
             return INTERRUPTED
-        return 0 if trouble is None and half is None and not result.silent else INCOMPLETE
+        return 0 if half is None and not result.silent else INCOMPLETE

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -13,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
 
-from ndtorch.cli.streams import escaping, line
+from ndtorch.cli.streams import line
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import OURS, remedy
 from ndtorch.utils.signals import NOTHING_KEPT
@@ -24,12 +23,6 @@ UNUSABLE = 2
 """Exit code for input that cannot be used."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C; after SIGTERM and SIGHUP it is 143 and 129, as shells have it."""
-
-NO_MEMORY = (
-    r"can(no|')t allocate|unable to allocate|not enough memory|out of memory|bad_alloc|failed to map segment"
-    r"|can't start new thread"
-)
-"""How libraries say that memory is short."""
 
 
 class Subcommand(Protocol):
@@ -64,7 +57,7 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
     except BrokenPipeError:
         raise  # for `program`
     except (MemoryError, RuntimeError, ImportError, OSError) as error:
-        words = what_the_system_said(error) or missing(error)
+        words = system_error(error) or missing(error)
         if words is None:
             raise
         print(f"error: {line(words)}", file=sys.stderr)
@@ -74,12 +67,10 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
         return INTERRUPTED
 
 
-def what_the_system_said(error: Exception) -> str | None:
+def system_error(error: Exception) -> str | None:
     """What a user can mend: memory that is short, a full disk, no folder. None for faults of the program."""
-    said = str(error).strip()
-    if isinstance(error, MemoryError) or re.search(NO_MEMORY, said, re.IGNORECASE):
-        asked = next((part for part in said.splitlines() if re.search(r"\d", part)), said.partition("\n")[0])
-        return f"there is not enough memory{f' ({asked})' if asked else ''}"
+    if isinstance(error, MemoryError) or "not enough memory" in str(error) or "out of memory" in str(error):
+        return f"there is not enough memory ({error})"
     if not isinstance(error, OSError) or error.strerror is None:
         return None
     where = "a file cannot be written: " if error.filename is None else f"{error.filename}: "
@@ -98,7 +89,6 @@ def told(quiet: bool, muted: bool) -> Iterator[None]:
         logger.setLevel(logging.ERROR if quiet else logging.INFO)
     try:
         with contextlib.ExitStack() as stack:
-            stack.enter_context(escaping())
             stack.enter_context(warnings.catch_warnings())
             warnings.simplefilter("ignore" if quiet else "always", UserWarning)
             warnings.showwarning = note

@@ -39,32 +39,21 @@ class CommandError(Exception):
     """A command that is registered cannot be had; the message says why, in one line."""
 
 
-def installed() -> dict[str, list[EntryPoint]]:
-    """The commands of everything that is installed, by name; more than one where two distributions take a name."""
-    points: dict[str, dict[str, EntryPoint]] = {}
-    for point in entry_points(group=GROUP):
-        # One distribution may be found twice, through a checkout and its installation: that is the same command.
-        points.setdefault(point.name, {}).setdefault(point.value, point)
-    return {name: list(points[name].values()) for name in sorted(points)}
-
-
-def load_command(name: str, points: Sequence[EntryPoint]) -> type[Subcommand]:
+def load_command(point: EntryPoint) -> type[Subcommand]:
     """The class of a command; its module is imported now."""
-    origins = [point.value if point.dist is None else point.dist.name for point in points]
-    if len(points) > 1:
-        raise CommandError(f"{name} is registered {len(points)} times: {', '.join(origins)}; remove one")
     try:
-        kind: type[Subcommand] = points[0].load()
+        kind: type[Subcommand] = point.load()
     except Exception as error:  # whatever is wrong with it, other commands work
         words = missing(error) or f"{type(error).__name__}: {error}".splitlines()[0]
-        raise CommandError(f"{name} of {origins[0]} does not load: {words}") from None
+        origin = point.value if point.dist is None else point.dist.name
+        raise CommandError(f"{point.name} of {origin} does not load: {words}") from None
     return kind
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The `ndtorch` command: run the command that comes first on the command line."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    commands = installed()
+    commands = {point.name: point for point in sorted(entry_points(group=GROUP))}
     if not given or given[0] in ("-h", "--help"):
         print(overview(commands))
         return 0 if given else UNUSABLE
@@ -78,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             package = DISTRIBUTIONS.get(name)
             words = f"it comes with {package}: pip install {package}" if package else near
             raise CommandError(f"ndtorch has no command {name!r}; {words}")
-        kind = load_command(name, commands[name])
+        kind = load_command(commands[name])
         parts: Mapping[str, type[Subcommand]] | None = getattr(kind, "subcommands", None)
         if parts is None:
             return run_command(f"ndtorch {name}", kind, rest)
@@ -128,10 +117,10 @@ def versions() -> str:
 
 def first_line(kind: type[Subcommand]) -> str:
     """The first line of a command's help."""
-    return next(iter((kind.__doc__ or "").strip().splitlines()), "")
+    return (kind.__doc__ or "").strip().partition("\n")[0]
 
 
-def overview(commands: Mapping[str, Sequence[EntryPoint]]) -> str:
+def overview(commands: Mapping[str, EntryPoint]) -> str:
     """All commands in their groups, each with the first line of its help, or with why there is none."""
     lines = ["usage: ndtorch COMMAND ...", "", "Insect-inspired vision, navigation and a robot."]
     others = [name for name in commands if not any(name in names for names in GROUPS.values())]
@@ -140,7 +129,7 @@ def overview(commands: Mapping[str, Sequence[EntryPoint]]) -> str:
         lines += ["", f"{title}:"] * bool(there)
         for name in there:
             try:
-                text = first_line(load_command(name, commands[name]))
+                text = first_line(load_command(commands[name]))
             except CommandError as error:
                 text = f"({error})"
             lines.append(f"  {name:14}{text}")

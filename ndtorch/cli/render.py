@@ -32,16 +32,13 @@ class Render:
     """Print one JSON object and nothing else."""
 
     def run(self) -> int:
-        from ndtorch.errors import InputError
         from ndtorch.run.folder import new_file
         from ndtorch.scenes import make_scene
-        from ndtorch.scenes.video_writer import CODECS, VideoWriter
+        from ndtorch.scenes.video_writer import VideoWriter
 
         given = {"seconds": self.seconds, "fps": self.fps, "phase": self.phase, "seed": self.seed}
         source = make_scene(self.scene, **{name: value for name, value in given.items() if value is not None})
         new_file(self.file, self.force)
-        if self.file.suffix.lower() not in CODECS:
-            raise InputError(f"the file must end in {', '.join(CODECS)}, got {self.file}")
         # What is there stays until the new file is whole.
         part = self.file.with_name(f"{self.file.stem}.unfinished{self.file.suffix}")
         try:

@@ -1,4 +1,4 @@
-"""Where a command prints: control characters go out escaped, and nobody has to read what is reported."""
+"""Where a command prints: errors are one line, and nobody has to read what is reported."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import contextlib
 import os
 import re
 import select
-from collections.abc import Iterator
 from typing import Any, TextIO, cast
 
 PIECE = 4096
@@ -16,46 +15,29 @@ PATIENCE_MS = 20.0
 """Time to wait for a reader. Then what is reported is dropped, until somebody reads again."""
 
 
-def escaped(text: str) -> str:
-    r"""Text with control characters and what UTF-8 cannot write as `\x1b` and the like: a terminal obeys none."""
-    pattern = "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\u2028\u2029]"
+def line(words: object) -> str:
+    r"""An error or a remark as one line, with control characters as `\x1b` and the like: a terminal obeys none."""
+    pattern = "[\x00-\x1f\x7f-\x9f\ud800-\udfff\u2028\u2029]"
+    text = " ".join(str(words).split())
     return re.sub(pattern, lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
-def line(words: object) -> str:
-    """An error or a remark as one line."""
-    return escaped(" ".join(str(words).split()))
-
-
-class Escaping:
-    """A stream of text for which control characters are escaped; all else is the stream's own."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self.stream = stream
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.stream, name)
-
-    def write(self, text: str) -> int:
-        """Write text as it may be seen."""
-        return self.stream.write(escaped(text))
-
-
-class Unblocked(Escaping):
+class Unblocked:
     """A stream that never waits: what a full pipe or a stopped terminal does not take is dropped.
 
     A loop that holds wheels, and the end of a program, wait for nobody who has to read.
     """
 
     def __init__(self, stream: TextIO) -> None:
-        super().__init__(stream)
-        self.number, self.patience = stream.fileno(), PATIENCE_MS
+        self.stream, self.number, self.patience = stream, stream.fileno(), PATIENCE_MS
         self.poll = select.poll()
         self.poll.register(self.number, select.POLLOUT)
 
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
     def write(self, text: str) -> int:
-        """Write what is taken now."""
-        data = escaped(text).encode(errors="backslashreplace")
+        data = text.encode(errors="backslashreplace")
         with contextlib.suppress(OSError):  # the reader is gone
             for start in range(0, len(data), PIECE):
                 ready = self.poll.poll(self.patience)
@@ -75,12 +57,3 @@ def unblocked(stream: TextIO) -> TextIO:
         return cast("TextIO", Unblocked(stream))
     except (AttributeError, OSError, ValueError):
         return stream
-
-
-@contextlib.contextmanager
-def escaping() -> Iterator[None]:
-    """What is printed on stdout inside is escaped."""
-    import sys
-
-    with contextlib.redirect_stdout(cast("TextIO", Escaping(sys.stdout))):
-        yield

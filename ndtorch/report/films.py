@@ -10,7 +10,6 @@ import torch
 
 from ndtorch.binding import BoundObject
 from ndtorch.report.plots import STYLES, brightened
-from ndtorch.report.tracks import SourceTracks
 from ndtorch.run.result import Picture, Pixels, Watcher
 from ndtorch.scenes.video_writer import VideoWriter
 from ndtorch.vision.features import FEATURES
@@ -134,24 +133,6 @@ def write_jpeg(image: Pixels, path: Path) -> None:
 
     _, data = cv2.imencode(".jpg", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 88])
     path.write_bytes(data.tobytes())
-
-
-def write_mask_film(tracks: SourceTracks, path: Path) -> None:
-    """mask.mp4: white where an object is; a frame for every frame of the source, and as large."""
-    if len(tracks.frames) == 0:
-        return
-    height, width = tracks.size[0] // 2 * 2, tracks.size[1] // 2 * 2
-    steps = np.diff(tracks.times)
-    rate = 1 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else 25.0
-    writer = VideoWriter(path, rate, (height, width))
-    for number in tracks.frames.tolist():
-        image = np.zeros(tracks.size, np.uint8)
-        for k in range(*np.searchsorted(tracks.frame, [number, number + 1]).tolist()):
-            if (mask := tracks.masks[k]) is not None:
-                tall, wide = mask.pixels.shape
-                image[mask.top : mask.top + tall, mask.left : mask.left + wide][mask.pixels] = 255
-        writer.write(torch.from_numpy(image[:height, :width]).expand(3, height, width))
-    writer.close()
 
 
 def rgb(feature: str | int) -> tuple[int, int, int]:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from ndtorch.binding import save_state
 from ndtorch.report.exports import write_exports
-from ndtorch.report.films import Gallery, write_mask_film
+from ndtorch.report.films import Gallery
 from ndtorch.report.plots import draw_all, draw_timeline
 from ndtorch.report.summary import NOTHING_MOVED, features_table, numbered, summary, verdict_words, words
 from ndtorch.report.tracks import source_tracks
@@ -167,39 +167,23 @@ def folder_name(name: str) -> str:
 
 
 def write_result(
-    result: RunResult,
-    about: Mapping[str, Any],
-    folder: Path,
-    chosen: str,
-    mask: bool = False,
-    gallery: Gallery | None = None,
-) -> OSError | None:
+    result: RunResult, about: Mapping[str, Any], folder: Path, chosen: str, gallery: Gallery | None = None
+) -> None:
     """Write objects.json and state.safetensors, the figures (of owners, or of tracks over time) and report.html.
 
-    `about` is what is needed to go on later. Returns why there are no figures: on a full disk the state has to come
-    first, and `OSError` says that not even it can be written.
+    `about` is what is needed to go on later.
     """
     text = json.dumps(summary(result), indent=2, ensure_ascii=False)
     (folder / "objects.json").write_text(text + "\n", encoding="utf-8")
     about = {**about, "frames": about["frames"] + result.frames}
     save_state(result.state, folder / "state.safetensors", {"run": json.dumps(about)})
-    before = set(folder.iterdir())
-    try:
-        if result.table is None:
-            if any(thing.boxes for thing in result.objects):
-                tracks = source_tracks(result)
-                write_exports(tracks, folder)
-                if mask:
-                    write_mask_film(tracks, folder / "mask.mp4")
-            poster = None if gallery is None or gallery.poster is None else gallery.poster[1]
-            draw_timeline(result, folder / "timeline.png", poster)
-            if gallery is not None:
-                gallery.write(folder)
-        else:
-            draw_all(result, folder)
-        write_run_page(result, folder, chosen)
-    except OSError as error:
-        for path in set(folder.iterdir()) - before:
-            path.unlink()
-        return error
-    return None
+    if result.table is not None:
+        draw_all(result, folder)
+    else:
+        if any(thing.boxes for thing in result.objects):
+            write_exports(source_tracks(result), folder)
+        poster = None if gallery is None or gallery.poster is None else gallery.poster[1]
+        draw_timeline(result, folder / "timeline.png", poster)
+        if gallery is not None:
+            gallery.write(folder)
+    write_run_page(result, folder, chosen)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -116,10 +115,7 @@ def prepare(job: BindJob) -> Prepared:
 
 
 def resumed(folder: Path, job: BindJob) -> KeptRun:
-    """The run that a folder is of; `InputError` where there is none, or where the job asks for something else.
-
-    A folder may come from anybody: cameras, addresses and files elsewhere are opened if the user names them again.
-    """
+    """The run that a folder is of; `InputError` where there is none, or where the job asks for something else."""
     wrong = f"{folder}/{STATE} was not written by this version of ndtorch bind"
     try:
         kept = check(json.loads(read_about(folder / STATE)["run"]), KeptRun, wrong)
@@ -132,14 +128,6 @@ def resumed(folder: Path, job: BindJob) -> KeptRun:
         raise InputError(f"{folder} is a run of the model {kept.model}, and cannot go on with {job.model}")
     if job.source not in (DEFAULT_SOURCE, kept.source):
         raise InputError(f"{folder} is a run of {kept.source}, not of {job.source}")
-    again = f"ndtorch bind {shlex.quote(kept.source)} --resume {folder}"
-    named = [("source", kept.source, again, kept.source in (*SCENES, job.source))]
-    named += [("model", kept.model or "", f"--model {kept.model}", kept.model in (*model_names(), job.model))]
-    for what, name, command, known in named:
-        path = Path(name).resolve()
-        near = "://" not in name and not name.isdigit() and (path.is_file() or path.is_dir())
-        if not known and not (near and folder.resolve().parent in path.parents):
-            raise InputError(f"{folder} is a run of the {what} {name}; name it again to open it: {command}")
     return dataclasses.replace(kept, resume=folder)
 
 

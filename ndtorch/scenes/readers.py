@@ -10,7 +10,6 @@ import time
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,8 +43,6 @@ ARRIVAL = ("mpjpeg", "mjpeg", "h264", "hevc", "image2pipe", "jpeg_pipe", "m4v")
 """Formats without time stamps: frames get the time at which they arrive."""
 DEPTH_AND_COLOR = 2 | 4
 """`cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR`: depth and channels as they are, turned upright, no transparency."""
-ATTACHED = 0x0400
-"""Flag of a stream that is the cover of a piece of music (AV_DISPOSITION_ATTACHED_PIC)."""
 
 Image = np.ndarray[Any, np.dtype[Any]]
 """`[H, W, 3]` in blue, green, red, or `[H, W]` in grey; uint8, or what the file has where it has more."""
@@ -65,7 +62,6 @@ class Reader(ABC):
         fps: rate of the frames by their time stamps, else as the source declares it; may be nonsense.
         stamps: time stamps of all frames where they are known beforehand.
         count: number of frames, or None where it is not known before the last one.
-        promised: number of frames by the header, 0 where it has none.
         live: whether frames pass only once.
         timed: whether time stamps say when a frame is to be seen; False takes frames as they follow.
         size: height and width of a frame.
@@ -76,7 +72,6 @@ class Reader(ABC):
 
     fps: float
     count: int | None = None
-    promised = 0
     live = False
     timed = False
     size: tuple[int, int]
@@ -90,8 +85,8 @@ class Reader(ABC):
         """Frames from the first on, until no more can be decoded. A live source goes on where it is."""
 
     def samples(self) -> list[Image]:
-        """Some images of the source; none of a live one."""
-        return [frame.image for frame in islice(self.read(), SAMPLES)]
+        """Some images, of a source that may have more than eight bits."""
+        return []
 
     def close(self) -> None:  # noqa: B027  nothing to do for most
         """Close the device, if any is open."""
@@ -110,14 +105,8 @@ class FileReader(Reader):
             framerate = stream.codec_context.framerate
             stamps, whole = packet_stamps(container, stream)
             self.count = len(stamps) if whole and stamps else int(stream.frames) or None
-            self.promised = max(self.count or 0, int(stream.frames))
-            begin = float((stream.start_time or 0) * stream.time_base)
-            seconds = float(stream.duration * stream.time_base) if stream.duration else (container.duration or 0) / 1e6
         self.timed = len(stamps) > 1
         self.fps = rate_of(stamps, declared) if self.timed else RAW_FPS
-        # The header of a file that was cut off has the number of all frames, or their duration.
-        if self.timed and whole and self.fps and stamps[-1] + 2.5 / self.fps < begin + 0.98 * seconds:
-            self.promised = max(self.promised, round(seconds * self.fps))
         if self.timed:
             self.stamps = stamps if whole else ()
         elif self.count != 1:
@@ -144,31 +133,20 @@ class FileReader(Reader):
 
 
 class ImagesReader(Reader):
-    """The images of a folder in natural order (2.png before 10.png), or the pages of one file (TIFF).
+    """The images of a folder in natural order (2.png before 10.png).
 
     Hidden files are left out. Images have no time stamps: a constant rate is assumed, and noted.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.fps = path, FOLDER_FPS
-        self.files = image_files(path) if path.is_dir() else [path]
-        if path.is_dir():
-            self.count, what = len(self.files), "images"
-            self.names = [file.name for file in self.files]
-            for file in self.files:
-                claimed_size(file)
-        else:
-            import cv2
-
-            claimed_size(path)
-            with quiet_opencv():
-                self.count, what = cv2.imcount(str(path), DEPTH_AND_COLOR), "pages"
-            if self.count < 2:
-                raise InputError(f"{path} is one image: a video, a folder of images or a TIFF of pages is needed")
+        self.path, self.fps, self.files = path, FOLDER_FPS, image_files(path)
+        self.count, self.names = len(self.files), [file.name for file in self.files]
+        for file in self.files:
+            check_claimed_size(file)
         first = self.image(0)
         self.size = (first.shape[0], first.shape[1])
         assumed = f"at an assumed {FOLDER_FPS:g} a second; --fps changes that"
-        self.notes = [f"{path.name}: {self.count} {what} {assumed}"]
+        self.notes = [f"{path.name}: {self.count} images {assumed}"]
 
     def image(self, number: int) -> Image:
         """The image of that number, upright, without transparency; grey stays `[H, W]`, depth stays.
@@ -178,19 +156,11 @@ class ImagesReader(Reader):
         """
         import cv2
 
-        path = self.files[number if self.names else 0]
-        with quiet_opencv():
-            try:
-                if self.names:
-                    image = cv2.imread(str(path), DEPTH_AND_COLOR)
-                else:
-                    there, pages = cv2.imreadmulti(str(path), number, 1, flags=DEPTH_AND_COLOR)
-                    image = pages[0] if there and pages else None
-            except cv2.error:
-                image = None
+        path, image = self.files[number], None
+        with quiet_opencv(), contextlib.suppress(cv2.error):
+            image = cv2.imread(str(path), DEPTH_AND_COLOR)
         if image is None:
-            part = "" if self.names else f": page {number + 1} of {self.count}"
-            raise InputError(f"image {path} cannot be read{part}: damaged or not an image")
+            raise InputError(f"image {path} cannot be read: damaged or not an image")
         if number and image.shape[:2] != self.size:
             (height, width), (own_height, own_width) = self.size, image.shape[:2]
             raise InputError(
@@ -239,9 +209,6 @@ class LiveReader(Reader):
         measured = rate_of([frame.stamp for frame in self._first], [declared] if declared else [])
         # A camera whose frames were waiting is not faster than it says.
         self.fps = declared if declared and (measured >= 0.8 * declared or len(self._first) < 3) else measured
-        if declared and abs(self.fps - declared) > 0.1 * declared:
-            rates = f"declares {declared:g} frames a second and gives {self.fps:.3g}"
-            self.notes = [f"{self.what} {rates}; --fps changes that"]
 
     def _open_camera(self, source: int | str) -> Iterator[Frame]:
         import cv2
@@ -366,8 +333,6 @@ def check_file(path: Path) -> None:
         raise InputError(f"video {path} cannot be opened: {error.strerror}") from None
     if not head:
         raise InputError(f"video {path} is empty (0 bytes)")
-    if head.startswith(b"\x00\x05\x16\x07"):
-        raise InputError(f"video {path} cannot be used: it holds metadata of macOS, not the film")
     printable = all(byte >= 32 or byte in b"\t\n\r\f\x1b" for byte in head[:512])
     # The last letter may be cut.
     text = printable and "\ufffd" not in head.decode(errors="replace")[:-1] and not head.startswith(b"YUV4MPEG2")
@@ -386,12 +351,11 @@ def open_file(path: Path) -> tuple[Any, Any]:
         words = (getattr(error, "strerror", None) or str(error)).strip()
         cause = "not a video, damaged, or cut off before its index was written"
         raise InputError(f"video {path} cannot be opened: {words[:1].lower() + words[1:]} ({cause})") from None
-    streams = [one for one in container.streams.video if not int(one.disposition) & ATTACHED]
-    if streams and streams[0].codec_context is not None and streams[0].codec_context.name != "ansi":
+    streams = container.streams.video
+    if streams and streams[0].codec_context is not None:
         return container, streams[0]
-    kinds = sorted({str(one.type) for one in container.streams}) or ["nothing"]
     container.close()
-    raise InputError(f"video {path} cannot be used: it holds no film that can be decoded ({', '.join(kinds)})")
+    raise InputError(f"video {path} cannot be used: it holds no film that can be decoded")
 
 
 def packet_stamps(container: Any, stream: Any) -> tuple[list[float], bool]:
@@ -441,9 +405,8 @@ def stamp_of(frame: Any) -> float:
 
 
 def pixels(frame: Any) -> Image:
-    """A decoded frame, turned upright as its file says: blue, green and red, or deep grey as it is."""
-    deep = re.fullmatch(r"gray(9|1\d)(le|be)?", frame.format.name)
-    image: Image = frame.to_ndarray(format="gray16le" if deep else "bgr24")
+    """A decoded frame, turned upright as its file says: blue, green and red."""
+    image: Image = frame.to_ndarray(format="bgr24")
     turns = round(frame.rotation / 90) % 4
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 
@@ -467,12 +430,8 @@ def image_files(folder: Path) -> list[Path]:
     return sorted(images, key=natural)
 
 
-def claimed_size(path: Path) -> tuple[int, int]:
-    """Height and width of an image by its header; nothing is decoded.
-
-    Raises:
-        InputError: it cannot be read, or claims more pixels than `check_pixels` allows.
-    """
+def check_claimed_size(path: Path) -> None:
+    """Raise `InputError` for an image whose header cannot be read, or claims more pixels than `check_pixels` allows."""
     from PIL import Image as Headers
 
     if not path.is_file():
@@ -487,7 +446,6 @@ def claimed_size(path: Path) -> tuple[int, int]:
     except Exception:
         raise InputError(f"image {path} cannot be read: empty, damaged or not an image") from None
     check_pixels(f"image {path}", *size)
-    return size
 
 
 def rate_of(stamps: Sequence[float], declared: Iterable[float]) -> float:

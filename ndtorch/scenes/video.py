@@ -30,30 +30,6 @@ from ndtorch.scenes.readers import (
 )
 
 log = logging.getLogger(__name__)
-_declared: list[torch.library.Library] = []
-
-
-def import_torchvision() -> None:
-    """Import torchvision, also beside a PyTorch its compiled operators do not fit (a CPU-only one).
-
-    torchvision describes its operators `nms` and `qnms` to PyTorch as it is imported, and fails where the
-    compiled library that should have declared them did not load. Resizing and cropping need neither, so they
-    are declared here without an implementation, and only once the import has failed for that reason.
-    """
-    try:
-        import torchvision
-    except RuntimeError as error:
-        if "operator torchvision::" not in str(error) or _declared:
-            raise
-        # The declarations last as long as this object does.
-        library = torch.library.Library("torchvision", "DEF")  # type: ignore[no-untyped-call]
-        for name in ("nms", "qnms"):
-            schema = f"{name}(Tensor dets, Tensor scores, float iou_threshold) -> Tensor"
-            library.define(schema)  # type: ignore[no-untyped-call]
-        _declared.append(library)
-        import torchvision  # noqa: F401
-
-
 Fit = Literal["crop", "stretch", "reduce"]
 FASTEST = 10_000.0
 """Largest rate of frames that a source may declare, Hz."""
@@ -143,7 +119,9 @@ def open_reader(source: int | str | Path) -> tuple[Reader, str]:
         return LiveReader(str(path)), path.name
     if path.is_dir():
         return ImagesReader(path), path.resolve().name
-    return (ImagesReader if path.suffix.lower() in IMAGE_SUFFIXES else FileReader)(path), path.stem
+    if path.suffix.lower() in IMAGE_SUFFIXES:
+        raise InputError(f"{path} is one image: a video or a folder of images is needed")
+    return FileReader(path), path.stem
 
 
 class SourceFrames(NamedTuple):
@@ -176,9 +154,7 @@ class FrameLog:
 class VideoSource(FrameSource):
     """Frames of real video; made by `open_video`. Usable in a `with` statement.
 
-    Attributes:
-        truncated: whether a reading ended before the number of frames the source had promised; then `length`
-            becomes what could be decoded, and a warning says so once.
+    Where a reading ends before the number of frames that the source has, `length` becomes what could be decoded.
     """
 
     def __init__(
@@ -193,11 +169,10 @@ class VideoSource(FrameSource):
             rows = min(size[0], reader.size[0])
             size = (rows, max(8, round(rows * reader.size[1] / reader.size[0] / 8) * 8))
         self.name, self.fps, self.size = name, float(reader.fps) / every, size
-        self.truncated, self.silent = False, ""
+        self.silent = ""
         self.pixel_map = _pixel_map(reader.size, size, fit)
         self._latest: Image | None = None
-        self._reader, self._start, self._stop, self._every = reader, start, stop, every
-        self._resize = None if fit == "reduce" else _resizer(size, fit)
+        self._reader, self._start, self._stop, self._every, self._fit = reader, start, stop, every, fit
         self._grey_noted = self._closed = False
         self._skip = start if reader.live else 0
         self._log = FrameLog()
@@ -260,15 +235,14 @@ class VideoSource(FrameSource):
         if self._closed:
             return
         received = len(log.stamps)
-        wanted = self._stop if self._stop is not None else max(reader.count or 0, reader.promised)
+        wanted = reader.count or 0 if self._stop is None else self._stop
         if reader.live and reader.ended and (self._stop is None or received < self._stop):
             self.silent = f"{self.name} ended after {received} frames: {reader.ended}"
             warnings.warn(self.silent, stacklevel=2)
         elif not reader.live and received < wanted:
-            if not self.truncated:
-                line = f"video {self.name} ends early: {received - first} of {wanted - first} frames decoded"
-                warnings.warn(line, stacklevel=2)
-            self.truncated, self.length = True, (received - first) // every
+            line = f"video {self.name} ends early: {received - first} of {wanted - first} frames decoded"
+            warnings.warn(line, stacklevel=2)
+            self.length = (received - first) // every
 
     def _note_jump(self, number: int, seconds: float, time: float) -> None:
         gap = f"{seconds:g} s later" if seconds > 0 else f"{-seconds:g} s earlier"
@@ -283,10 +257,9 @@ class VideoSource(FrameSource):
             warnings.warn(f"video {self.name} is grey: copied into red, green and blue", stacklevel=4)
             self._grey_noted = True
         self._latest = image
-        if self._resize is None:
-            image = reduced(image, self.size)
-        frame = torch.from_numpy(_rgb(image)).permute(2, 0, 1)
-        return frame if self._resize is None else self._resize(frame)
+        if self._fit == "reduce":
+            return torch.from_numpy(_rgb(reduced(image, self.size))).permute(2, 0, 1)
+        return _resized(torch.from_numpy(_rgb(image)).permute(2, 0, 1), self.size, self._fit)
 
 
 def paced(
@@ -376,18 +349,11 @@ def reduced(image: Image, size: tuple[int, int]) -> Image:
     return image
 
 
-def _resizer(size: tuple[int, int], fit: Fit) -> Callable[[Tensor], Tensor]:
-    """A function from `[3, h, w]` uint8 to `[3, *size]` uint8."""
-    import_torchvision()
-    from torchvision import tv_tensors
-    from torchvision.transforms import v2
-
-    def resize(image: Tensor) -> Tensor:
-        height, width = image.shape[-2:]
-        scale = max(size[0] / height, size[1] / width)
-        target = list(size) if fit == "stretch" else [round(height * scale), round(width * scale)]
-        video = v2.functional.resize(tv_tensors.Video(image[None]), target, antialias=True)
-        out: Tensor = v2.functional.center_crop(video, list(size)).as_subclass(Tensor)
-        return out[0].contiguous()
-
-    return resize
+def _resized(image: Tensor, size: tuple[int, int], fit: Fit) -> Tensor:
+    """`[3, h, w]` uint8 as `[3, *size]` uint8."""
+    height, width = image.shape[-2:]
+    scale = max(size[0] / height, size[1] / width)
+    target = list(size) if fit == "stretch" else [round(height * scale), round(width * scale)]
+    wide = torch.nn.functional.interpolate(image[None], target, mode="bilinear", antialias=True)[0]
+    top, left = round((target[0] - size[0]) / 2), round((target[1] - size[1]) / 2)
+    return wide[:, top : top + size[0], left : left + size[1]].contiguous()

@@ -8,7 +8,6 @@ import json
 import os
 import secrets
 import stat
-import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -30,8 +29,6 @@ TABLE_BYTES = 1 << 26
 """Most bytes of a text that programs write: results, labels, worlds."""
 ARRAY_BYTES = 1 << 30
 """Most bytes of a file of arrays or tensors."""
-DECLARED_BYTES = 1 << 29
-"""Most bytes of all arrays of a compressed file together."""
 CHECKSUM = "checksum"
 """The name under which it stands beside the arrays."""
 
@@ -179,15 +176,8 @@ def save_arrays(path: str | Path, arrays: Arrays) -> None:
 def load_arrays(path: str | Path) -> dict[str, npt.NDArray[Any]]:
     """What `save_arrays` wrote."""
     try:
-        with open_regular(path, ARRAY_BYTES) as opened:
-            # A few bytes of a compressed file may stand for gigabytes, allocated before any checksum is known.
-            with zipfile.ZipFile(opened) as archive:
-                total = sum(member.file_size for member in archive.infolist())
-            if total > DECLARED_BYTES:
-                raise InputError(f"{path} declares {total} bytes; {DECLARED_BYTES} are the most")
-            opened.seek(0)
-            with np.load(opened, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
+        with open_regular(path, ARRAY_BYTES) as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise InputError(f"{path} is missing") from None
     except InputError:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 from collections.abc import Iterator
 from types import FrameType
@@ -19,9 +18,7 @@ NOTHING_KEPT = "stopped before there was anything to keep"
 def ended_like_ctrl_c() -> Iterator[list[int]]:
     """Every one of these signals raises KeyboardInterrupt inside: what was computed is kept.
 
-    While torch is being imported nothing has been computed, and the process ends at once, with one line: an exception
-    that is raised there may be swallowed, or turned into another by code in C++. A signal that is ignored stays
-    ignored, as `nohup` wants it; a handler that somebody else has set stays.
+    A signal that is ignored stays ignored, as `nohup` wants it; a handler that somebody else has set stays.
 
     Yields:
         The numbers of those that came.
@@ -30,11 +27,6 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         came.append(number)
-        while frame is not None:
-            if frame.f_code.co_name == "<module>" and frame.f_globals.get("__name__") == "torch":
-                os.write(2, f"{NOTHING_KEPT}\n".encode())
-                os._exit(128 + number)
-            frame = frame.f_back
         raise KeyboardInterrupt
 
     old = {number: signal.getsignal(number) for number in ENDING}

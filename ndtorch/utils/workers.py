@@ -1,4 +1,4 @@
-"""Processes that work through a list of tasks; one that dies is replaced, and its task is given to another."""
+"""Processes that work through a list of tasks; one that dies is replaced."""
 
 from __future__ import annotations
 
@@ -17,9 +17,6 @@ from typing import Any, Literal, NamedTuple
 from ndtorch.errors import InputError
 from ndtorch.utils.signals import ENDING
 
-TRIES = 3
-"""How often a task is begun before it is given up: one that kills its worker would do so for ever."""
-
 Report = Callable[[float], None]
 """Called by a task with the share of it that is done."""
 
@@ -28,13 +25,12 @@ class Event(NamedTuple):
     """What happened to a task.
 
     Attributes:
-        kind: "progress" (value: share done), "done" (value: what the function returned), "again" (its worker
-            died and it goes back into the queue; value: how it died), or "failed" (value: why).
+        kind: "progress" (value: share done), "done" (value: what the function returned) or "failed" (value: why).
         task: its number.
         value: see `kind`.
     """
 
-    kind: Literal["progress", "done", "again", "failed"]
+    kind: Literal["progress", "done", "failed"]
     task: int
     value: Any
 
@@ -53,12 +49,11 @@ def run_tasks(function: Callable[[Any, Report], Any], tasks: Sequence[Any], jobs
     """
     if jobs < 1:
         raise InputError(f"jobs must be at least 1, got {jobs}")
-    context, waiting, begun = multiprocessing.get_context("spawn"), deque(range(len(tasks))), [0] * len(tasks)
+    context, waiting = multiprocessing.get_context("spawn"), deque(range(len(tasks)))
     workers: dict[Any, tuple[Any, int]] = {}
 
     def give(pipe: Any, process: Any) -> None:
         index = waiting.popleft()
-        begun[index] += 1
         workers[pipe] = process, index
         # A worker that is dead already is noticed when it is listened to.
         with contextlib.suppress(OSError):
@@ -93,11 +88,8 @@ def run_tasks(function: Callable[[Any, Report], Any], tasks: Sequence[Any], jobs
                 except (EOFError, OSError):
                     dismiss(pipe).join()
                     code = process.exitcode
-                    kind, value = "again", signal.Signals(-code).name if code < 0 else f"exit code {code}"
-                    if begun[index] < TRIES:
-                        waiting.append(index)
-                    else:
-                        kind, value = "failed", f"its worker died {TRIES} times, at last with {value}"
+                    how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+                    kind, value = "failed", f"its worker died with {how}"
                     if waiting:
                         hire()
                 else:

@@ -101,13 +101,3 @@ class Stretch:
         if self._rest.shape[self._dim]:
             outs = [*outs, tail(self._rest)]
         return torch.cat(outs, self._dim)
-
-
-def low_pass(filter: BlockLowPass, x: Tensor, low: Tensor) -> tuple[Tensor, Tensor]:
-    """Low-passed `x` `[..., T, N]` of any length, and the filter's state after it."""
-    lows = []
-    for part in torch.split(x, filter.length, -2):
-        out = filter(part, low)
-        low = out[..., -1, :]
-        lows.append(out)
-    return (lows[0] if len(lows) == 1 else torch.cat(lows, -2)), low

@@ -89,9 +89,6 @@ class VisualFeatures(nn.Module):
         self.orientation.backend = self.backend
         keep_freed_memory()
 
-    def extra_repr(self) -> str:
-        return f"size={self.size}, backend={self.backend}"
-
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
         frames = check_frames(frames, self.size, values=False, device=self.orientation.device)

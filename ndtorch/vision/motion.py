@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_fits, check_state
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
-from ndtorch.vision.temporal import Seconds, SmoothingFactor, keep_time, low_pass_step, shown
+from ndtorch.vision.temporal import Seconds, keep_time, low_pass_step, smoothing_factor
 
 Border = Literal["wrap", "reflect"]
 BORDERS: tuple[Border, ...] = ("wrap", "reflect")
@@ -95,7 +95,6 @@ class HassensteinReichardt(nn.Module):
     """
 
     directions: Tensor
-    a_high, a_low = SmoothingFactor("tau_high"), SmoothingFactor("tau_low")
     tau_high: Seconds
     tau_low: Seconds
     dt: Seconds
@@ -113,9 +112,15 @@ class HassensteinReichardt(nn.Module):
         keep_time(self, tau_high=tau_high, tau_low=tau_low, dt=dt)
         self.register_buffer("directions", torch.tensor(BY_DIRECTION), persistent=False)
 
-    def extra_repr(self) -> str:
-        taus = f"tau_high={shown(self.tau_high)}, tau_low={shown(self.tau_low)}"
-        return f"dt={shown(self.dt)}, {taus}, border={self.border!r}"
+    @property
+    def a_high(self) -> float | Tensor:
+        """Share of the new sample that the high-pass takes in."""
+        return smoothing_factor(self.tau_high, self.dt)
+
+    @property
+    def a_low(self) -> float | Tensor:
+        """Share of the new sample that the delay filter takes in."""
+        return smoothing_factor(self.tau_low, self.dt)
 
     def start(self, image: Tensor) -> MotionState:
         """State settled on one grey image `[..., H, W]`."""

@@ -14,10 +14,8 @@ from ndtorch.vision.temporal import (
     HighPass,
     LowPass,
     Seconds,
-    SmoothingFactor,
     keep_time,
     low_pass_step,
-    shown,
     smoothing_factor,
     time_dim,
 )
@@ -50,7 +48,6 @@ class NDMin(nn.Module):
     tensor([False, False,  True,  True, False])
     """
 
-    a = SmoothingFactor("tau_high")
     tau_high: Seconds
     dt: Seconds
 
@@ -58,8 +55,10 @@ class NDMin(nn.Module):
         super().__init__()
         keep_time(self, tau_high=tau_high, dt=dt)
 
-    def extra_repr(self) -> str:
-        return f"tau_high={shown(self.tau_high)}, dt={shown(self.dt)}"
+    @property
+    def a(self) -> float | Tensor:
+        """Share of the new sample that the high-pass takes in."""
+        return smoothing_factor(self.tau_high, self.dt)
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         check_state(state, FilterState)
@@ -91,7 +90,6 @@ class NDMinus(nn.Module):
 
     def __init__(self, tau_high: Seconds = 0.005, dt: Seconds = 1 / 30) -> None:
         super().__init__()
-        smoothing_factor(tau_high, dt, "tau_high")
         self.high_pass = HighPass(tau_high, dt)
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
@@ -123,8 +121,6 @@ class NDS(nn.Module):
 
     def __init__(self, tau_high: Seconds = 0.005, tau_low: Seconds = 0.0, dt: Seconds = 1 / 30) -> None:
         super().__init__()
-        for name, tau in (("tau_high", tau_high), ("tau_low", tau_low)):
-            smoothing_factor(tau, dt, name)
         self.high_pass, self.low_pass = HighPass(tau_high, dt), LowPass(tau_low, dt)
 
     def forward(self, x: Tensor, state: NDSState | None = None) -> tuple[Tensor, NDSState]:

@@ -197,9 +197,6 @@ class OrientedDoG(nn.Module):
         self.register_buffer("pair_filters", halves(pair_up(self.fast_spectrum, self.grid[1])), persistent=False)
         self.register_buffer("pair_weights", pair_weights(*inside), persistent=False)
 
-    def extra_repr(self) -> str:
-        return f"size={self.size}, border={self.border!r}, exact={self.exact}, grid={self.grid}"
-
     def images(self, image: Tensor) -> Tensor:
         """Signed responses `[..., 3, H, W]` to grey images `[..., H, W]`, exact."""
         response = self.responses(self._pad(image))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, TypeVar, overload
+from typing import NamedTuple, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,6 @@ from ndtorch.arguments import (
     check_number,
     check_state,
     check_tensor,
-    has_values,
     is_finite,
     is_number,
     rows_in,
@@ -76,40 +75,14 @@ def smoothing_factor(tau: Seconds, dt: Seconds, name: str = "tau") -> float | Te
     return dt / (tau + dt)
 
 
-class SmoothingFactor:
-    """`a = dt / (tau + dt)` of a module's time constant: a number, or computed at every use where either is a tensor.
-
-    As an attribute of the class: `a = SmoothingFactor("tau")`; the module has the attributes `tau` and `dt`, which
-    `keep_time` sets.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-    def __get__(self, module: Any, owner: type) -> Any:
-        if module is None:
-            return self
-        fixed = module.__dict__.get(f"_{self.name}_share")
-        return smoothing_factor(getattr(module, self.name), module.dt, self.name) if fixed is None else fixed
-
-
 def keep_time(module: nn.Module, **seconds: Seconds) -> None:
     """Set time constants and `dt` as attributes of a module: parameters stay parameters, other tensors are buffers."""
     for name, value in seconds.items():
+        smoothing_factor(value, seconds["dt"], name)
         if isinstance(value, Tensor) and not isinstance(value, nn.Parameter):
             module.register_buffer(name, value)
         else:
             setattr(module, name, value)
-    for name in seconds.keys() - {"dt"}:
-        share = smoothing_factor(seconds[name], seconds["dt"], name)
-        module.__dict__[f"_{name}_share"] = None if isinstance(share, Tensor) else share
-
-
-def shown(seconds: Seconds) -> str:
-    """A time constant in a `repr`."""
-    if isinstance(seconds, Tensor):
-        return f"{seconds.item():.4g}" if seconds.numel() == 1 and has_values(seconds) else f"{tuple(seconds.shape)}"
-    return f"{seconds:g}"
 
 
 def low_pass_step(x: Tensor, low: Tensor, a: float | Tensor) -> Tensor:
@@ -144,7 +117,6 @@ class LowPass(nn.Module):
     tensor([0.0000, 0.3333, 0.5556])
     """
 
-    a = SmoothingFactor("tau")
     tau: Seconds
     dt: Seconds
 
@@ -154,14 +126,11 @@ class LowPass(nn.Module):
         keep_time(self, tau=tau, dt=dt)
         self.sample_dims = sample_dims
 
-    def extra_repr(self) -> str:
-        return f"tau={shown(self.tau)}, dt={shown(self.dt)}, sample_dims={self.sample_dims}"
-
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         check_state(state, FilterState)
         dim = time_dim(x, self.sample_dims)
         check_tensor("x", x, meta=True)
-        a = self.a
+        a = smoothing_factor(self.tau, self.dt)
         samples = x.unbind(dim)
         low = samples[0] if state is None else state.low
         if samples:
@@ -218,9 +187,6 @@ class RunningMax(nn.Module):
             raise InputError(f"seconds must be >= 0 and dt > 0, got seconds={seconds}, dt={dt}")
         self.seconds, self.dt = seconds, dt
         self.window = rows_in("seconds", seconds, dt)
-
-    def extra_repr(self) -> str:
-        return f"seconds={self.seconds:g}, dt={self.dt:g}"
 
     def forward(self, x: Tensor, state: RecentMaxState | None = None) -> tuple[Tensor, RecentMaxState]:
         check_state(state, RecentMaxState)
@@ -286,9 +252,6 @@ class Resample(nn.Module):
         self.dt_in, self.dt_out = dt_in, dt_out
         self.ratio = dt_out / dt_in
         self.identity = math.isclose(dt_in, dt_out, rel_tol=1e-9)
-
-    def extra_repr(self) -> str:
-        return f"dt_in={self.dt_in:g}, dt_out={self.dt_out:g}"
 
     def forward(self, x: Tensor, state: ResampleState | None = None) -> tuple[Tensor, ResampleState]:
         check_state(state, ResampleState)

@@ -15,7 +15,7 @@ import torch
 
 from ndtorch.binding import BoundObject, Verdict, bound_objects, object_table
 from ndtorch.cli.commands import main
-from ndtorch.report.exports import ResponseFile, run_lengths, to_detections
+from ndtorch.report.exports import ResponseFile, run_lengths
 from ndtorch.report.films import CROP_SIDE, EnhancedVideo, Gallery, Overlay, marked, rgb
 from ndtorch.report.page import Page, Shown, Table
 from ndtorch.report.plots import draw_all
@@ -179,14 +179,14 @@ def overlap(first: np.ndarray, second: tuple[int, int, int, int]) -> float:
 @pytest.fixture(scope="module", params=["quick film, from frame 5", "folder with gaps"])
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str] | None]:
     """A run's folder, and the names of the source's files."""
-    tmp, names, more = tmp_path_factory.mktemp("exports"), None, ["--mask"]
+    tmp, names, more = tmp_path_factory.mktemp("exports"), None, list[str]()
     if request.param == "folder with gaps":
         source, names = tmp / "square", [f"img_{3 * n:04d}.png" for n in range(FRAMES)]
         source.mkdir()
         for n, name in enumerate(names):
             cv2.imwrite(str(source / name), picture(n).permute(1, 2, 0).numpy()[..., ::-1])
     else:
-        source, more = tmp / "square.mp4", ["--mask", "--start", "5"]
+        source, more = tmp / "square.mp4", ["--start", "5"]
         with VideoWriter(source, 40.0, SIZE) as film:
             for n in range(FRAMES):
                 film.write(picture(n))
@@ -227,18 +227,6 @@ def test_pycocotools_reads_boxes_and_masks(run: tuple[Path, list[str] | None]) -
         assert (np.ptp(columns), np.ptp(rows)) == pytest.approx((width, height), abs=18)
 
 
-def test_the_film_of_masks_has_every_frame_in_its_size(run: tuple[Path, list[str] | None]) -> None:
-    film = cv2.VideoCapture(str(run[0] / "mask.mp4"))
-    images = json.loads((run[0] / "coco.json").read_text())["images"]
-    assert int(film.get(cv2.CAP_PROP_FRAME_COUNT)) == len(images)
-    assert (film.get(cv2.CAP_PROP_FRAME_HEIGHT), film.get(cv2.CAP_PROP_FRAME_WIDTH)) == SIZE
-    film.set(cv2.CAP_PROP_POS_FRAMES, len(images) - 10)
-    left = STEP * (images[-10]["id"] - 1 - FIRST)
-    mask = film.read()[1][..., 0] > 127
-    assert mask[TOP + 20 : TOP + SIDE - 20, left + 20 : left + SIDE - 20].mean() > 0.95
-    assert mask.mean() < 1.5 * SIDE**2 / mask.size
-
-
 def test_pandas_reads_the_tables(run: tuple[Path, list[str] | None]) -> None:
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
@@ -265,12 +253,6 @@ def test_run_lengths_are_those_of_pycocotools(top: int, left: int) -> None:
     full[top:, left:] = crop
     want = masks.encode(np.asfortranarray(full))
     assert run_lengths(Placed(top, left, crop), *full.shape).encode() == want["counts"]
-
-
-def test_supervision_takes_the_boxes() -> None:
-    supervision = pytest.importorskip("supervision")
-    assert len(supervision.Detections(**to_detections([]))) == 0
-    assert len(supervision.Detections(**to_detections([boxed(1, (1, 2, 3, 4))]))) == 1
 
 
 class Signals:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import struct
-import warnings
 import zlib
 from pathlib import Path
 
@@ -37,7 +35,6 @@ def test_round_trip(tmp_path: Path, suffix: str, most: int) -> None:
     # Away from the edges of the pattern, where the lossy codecs smear.
     inner = (frames.int() - want.int()).abs()[..., [8, 40], :][..., [8, 56]]
     assert inner.max() <= most
-    assert not video.truncated
 
 
 def test_start_and_stop_count_frames_of_the_source(clip: Path) -> None:
@@ -82,26 +79,6 @@ def test_grey_images_are_copied_into_three_planes_and_say_so(tmp_path: Path) -> 
         frames = next(iter(video.chunks()))
     assert len(caught) == 1
     assert frames[:, :, 3, 3].tolist() == [[50 + n] * 3 for n in range(3)]
-
-
-@pytest.mark.parametrize("suffix", [".mkv", ".avi"])
-def test_a_video_cut_off_ends_early_and_says_so_once(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"noise{suffix}"
-    with VideoWriter(path, 25, SIZE) as writer:
-        for _ in range(20):
-            writer.write(torch.rand(3, *SIZE))
-    path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
-    video = open_video(path, SIZE)
-    with pytest.warns(UserWarning, match="ends early"):
-        decoded = sum(len(chunk) for chunk in video.chunks())
-    assert 0 < decoded < 20
-    assert video.truncated
-    assert video.length == decoded
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert sum(len(chunk) for chunk in video.chunks()) == decoded
-    with pytest.raises(InputError, match=r"start and stop must lie within the 1\d frames"):
-        open_video(path, SIZE, start=19)
 
 
 def test_a_camera_is_read_as_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,16 +182,3 @@ def test_an_image_that_claims_to_be_huge_is_not_decoded(tmp_path, width, height)
     with pytest.raises(InputError, match=r"cannot be used: .*pixels") as error:
         open_video(tmp_path)
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("name", ["clip.avi", "clip.mkv"])
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
-def test_a_video_that_promises_what_is_cut_off_is_told(tmp_path, name, share):
-    """The header of a film is written again at its end: a disk that was full meanwhile leaves a good one."""
-    video = VideoWriter(tmp_path / name, 25, SIZE)
-    for _ in range(20):
-        video.write(torch.rand(3, *SIZE))
-    video._writer.close()
-    os.truncate(tmp_path / name, int(share * (tmp_path / name).stat().st_size))
-    with pytest.raises(InputError, match="not whole: the disk may be full"):
-        video.close()

@@ -15,7 +15,6 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.utils import files
 from ndtorch.utils.files import (
     load_arrays,
     read_tensors,
@@ -145,23 +144,6 @@ def test_only_regular_files_of_a_stated_size_are_read(read: Callable[[Path], Any
     ):
         with pytest.raises(InputError, match=words):
             read(path)
-
-
-def test_arrays_that_a_file_declares_are_limited_before_they_are_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "map.npz"
-    np.savez_compressed(path, cells=np.zeros(1 << 20))
-    assert path.stat().st_size < 1 << 14
-    monkeypatch.setattr(files, "DECLARED_BYTES", 1 << 20)
-    with pytest.raises(InputError, match="declares 8388"):
-        load_arrays(path)
-
-
-def test_keys_of_many_parts_are_refused_at_once(tmp_path: Path) -> None:
-    (tmp_path / "config.toml").write_text("a." * 20_000 + "a = 1")
-    with pytest.raises(InputError, match="a key of more than 32 parts"):
-        toml_values(tmp_path / "config.toml")
 
 
 @dataclass(frozen=True)

@@ -99,14 +99,6 @@ def test_half_precision_comes_out_or_is_refused(name: str) -> None:
         torch.testing.assert_close(out.float(), output(make(), x.half().float()), atol=2e-3, rtol=1e-2)
 
 
-def test_repr_shows_the_time_constants() -> None:
-    assert repr(HassensteinReichardt(tau_low=0.2)) == (
-        "HassensteinReichardt(dt=0.01, tau_high=0.5, tau_low=0.2, border='wrap')"
-    )
-    learned = NDMin(nn.Parameter(torch.tensor(0.25)), dt=0.5)
-    assert repr(learned) == "NDMin(tau_high=0.25, dt=0.5)"
-
-
 def test_weights_do_not_depend_on_the_size_of_frames() -> None:
     learned = OrientedDoG(SIZE, center=nn.Parameter(torch.tensor([5.0, 2.0])))
     other = OrientedDoG((40, 20), center=nn.Parameter(torch.tensor([9.0, 3.0])))

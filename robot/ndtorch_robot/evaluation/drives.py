@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -93,9 +92,6 @@ def finish(
             job, reached = missing[task], size(missing[task])
             if kind == "progress":
                 reached = float(value)
-            elif kind == "again":
-                bar.write(f"note: {name(job)}: its process died ({value}); once more", file=sys.stderr)
-                reached = 0.0
             elif kind == "done":
                 cache.put(job, value)
             else:
