@@ -120,7 +120,6 @@ class Attempt(NamedTuple):
         success, collided: the goal was reached in time and untouched; the car touched something.
         time_s: until the goal, the collision or the end of the time.
         score: of the challenge.
-        path: true x and y ten times a second, m.
         step_ms: median of a navigation step.
     """
 
@@ -129,7 +128,6 @@ class Attempt(NamedTuple):
     collided: bool
     time_s: float
     score: float
-    path: list[Point]
     step_ms: float
 
 
@@ -148,7 +146,6 @@ class Referee:
 
     def __init__(self, world: BarnWorld, simulation: Simulation, car: Car) -> None:
         self.world, self.simulation, self.car = world, simulation, car
-        self.path: list[Point] = []
         self.success = self.collided = False
 
     def __call__(self, step: Step) -> None:
@@ -156,8 +153,6 @@ class Referee:
             raise InputError(step.standing)
         x, y, _ = self.simulation.pose
         self.collided = bool(self.simulation.collisions)
-        if step.number % 3 == 0 and not self.collided:
-            self.path.append((round(x, 3), round(y, 3)))
         self.success = not self.collided and math.dist((x, y), self.world.goal) <= self.world.within
         if self.success or self.collided or self.simulation.now() >= self.world.limit:
             self.car.ended.set()
@@ -187,7 +182,7 @@ def attempt(entry: Entry) -> Attempt:
     score = world.score(seconds if referee.success else None)
     step = car.timer.summary().get("navigate", {}).get("p50", 0.0)
     outcome = referee.success, referee.collided, round(seconds, 2), round(score, 4)
-    return Attempt(world.number, *outcome, referee.path, round(step, 2))
+    return Attempt(world.number, *outcome, round(step, 2))
 
 
 def attempt_name(entry: Entry, code: str) -> str:

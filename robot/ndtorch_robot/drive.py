@@ -24,8 +24,7 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.metrics import MapScore, coverage, score_map
 from ndtorch_robot.evaluation.record import Record, pose_error
 from ndtorch_robot.faults import FaultKind
-from ndtorch_robot.map_saving import WalkedPath, runner_ndt_cells
-from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.navigator_runner import NavigatorRunner, WalkedPath, runner_ndt_cells
 from ndtorch_robot.ports import DriveCommand, Observer, Step, print_note
 from ndtorch_robot.recording import Recorder
 from ndtorch_robot.safety import DriveState, SafeDrive
@@ -83,7 +82,8 @@ def drive(
     """
     plan = load_arena(config.arena, config.seed)
     check_goal(config, plan)
-    runner = runner or drive_runner(config, plan)
+    if runner is None:
+        runner = NavigatorRunner(config.options(), config.rig, config.rate, plan.grid(), body=config.body)
     disturbances, rate = read_disturbances(config.disturbance), config.rate
     viewed = config.view or config.view_at is not None or config.rrd is not None
     simulation = Simulation(
@@ -113,10 +113,10 @@ def drive(
             car.observers.append(recorder)
         car.observers += [record, path]
         if viewed:
-            from ndtorch_robot.view import View, Where, open_stream
+            from ndtorch_robot.view import View, open_stream
 
             name = f"{config.arena} seed {config.seed} {config.controller}"
-            stream = open_stream(name, Where(config.rrd, config.view, config.view_at), plan)
+            stream = open_stream(name, config.rrd, config.view, config.view_at, plan)
             view = View(stream, runner, print_note, wait=True, plan=plan, truth=lambda: simulation.pose)
             stack.callback(view.close)
             car.observers.append(view)
@@ -149,11 +149,6 @@ def check_goal(config: DriveConfig, plan: Plan) -> None:
             f"goal {config.goal} is no free place of {plan.name}, "
             f"which reaches from {left:g},{bottom:g} to {right:g},{top:g} m"
         )
-
-
-def drive_runner(config: DriveConfig, plan: Plan) -> NavigatorRunner:
-    """The navigator of a simulated drive, with a map as large as the building."""
-    return NavigatorRunner(config.options(), config.rig, config.rate, plan.grid(), body=config.body)
 
 
 def summarise(

@@ -21,9 +21,8 @@ from ndtorch_robot.config import RATE
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import ARENAS, load_arena
-from ndtorch_robot.sim.car import CarLimits
 from ndtorch_robot.sim.disturbances import read_disturbances
-from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.sim.simulation import RIG, CarLimits, Simulation
 from ndtorch_robot.sim.textures import Walls
 
 Pixels = npt.NDArray[np.uint8]

@@ -21,7 +21,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -48,10 +48,10 @@ START_TIMEOUT, CLOSE_TIMEOUT = 10.0, 5.0
 """Seconds to wait for the viewer or server, and at the end for what has not been shown yet."""
 
 QUEUE, PICTURES_PER_SECOND, MAP_EVERY = 30, 10, 2.0
-"""Steps that may wait, pairs of frames a second that are shown, and seconds between two maps."""
+"""Steps that may wait, pairs of frames a second that are shown, and seconds between two maps and paths."""
 
-STRIDE, STROKE = 0.1, 10
-"""Metres between two points of a path, which is written anew every so many points."""
+STRIDE = 0.1
+"""Metres between two points of a path."""
 
 FAINT, CELLS = 0.04, 20_000
 """Cells of the map are shown from this part of the largest on, and so many at most, the strongest ones."""
@@ -64,24 +64,19 @@ BLUE, RED, GREY, YELLOW, PURPLE, GREEN = (
 )  # fmt: skip
 
 
-class Where(NamedTuple):
-    """Where a view goes.
-
-    Attributes:
-        file: a `.rrd` file.
-        window: the viewer, on this screen; it listens at 127.0.0.1 only.
-        address: `ADDRESS` or `ADDRESS:PORT` at which a server listens for viewers.
-    """
-
-    file: Path | None = None
-    window: bool = False
-    address: str | None = None
-
-
-def open_stream(name: str, where: Where, plan: Plan | None = None) -> Any:
+def open_stream(
+    name: str, file: Path | None = None, window: bool = False, address: str | None = None, plan: Plan | None = None
+) -> Any:
     """A rerun stream with its sinks.
 
     Call it before the program asks for real-time priority: what it starts would go before the loop as well.
+
+    Args:
+        name: of the recording.
+        file: a `.rrd` file.
+        window: open the viewer on this screen; it listens at 127.0.0.1 only.
+        address: `ADDRESS` or `ADDRESS:PORT` at which a server listens for viewers.
+        plan: of the building, where it is known.
 
     Raises:
         InputError: rerun is not installed, the file cannot be written, or the viewer or server does not open.
@@ -90,22 +85,22 @@ def open_stream(name: str, where: Where, plan: Plan | None = None) -> Any:
     stream: Any = rr.RecordingStream(f"ndtorch {name}")
     sinks = []
     try:
-        if where.file is not None:
-            where.file.parent.mkdir(parents=True, exist_ok=True)
-            where.file.touch()
-            sinks.append(rr.FileSink(str(where.file)))
-        if where.window:
+        if file is not None:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.touch()
+            sinks.append(rr.FileSink(str(file)))
+        if window:
             with socket.socket() as free:
                 free.bind((LOCALHOST, 0))
                 port = free.getsockname()[1]
             failure = "the rerun viewer does not open (has this machine a screen?): use --rrd FILE instead of --view"
             start_rerun(["--hide-welcome-screen"], LOCALHOST, port, failure)
             sinks.append(rr.GrpcSink(f"rerun+http://{LOCALHOST}:{port}/proxy"))
-        if where.address is not None:
-            sinks.append(rr.GrpcSink(open_server(where.address)))
+        if address is not None:
+            sinks.append(rr.GrpcSink(open_server(address)))
         stream.set_sinks(*sinks, default_blueprint=layout(plan))
     except (OSError, RuntimeError) as error:
-        raise InputError(f"cannot write the recording {where.file}: {error}") from None
+        raise InputError(f"cannot write the recording {file}: {error}") from None
     return stream
 
 
@@ -159,7 +154,6 @@ class View:
         report: called when showing ends before it should.
         wait: wait for room instead, for a replay or a simulated drive.
         plan: of the building, where it is known.
-        title: what is driven, where it is not a car now.
         truth: the true pose, where it is known.
 
     Attributes:
@@ -174,11 +168,10 @@ class View:
         report: Report | None = None,
         wait: bool = False,
         plan: Plan | None = None,
-        title: str = "",
         truth: Callable[[], Pose] | None = None,
     ) -> None:
         self.rr, self.stream, self.runner, self.wait = import_rerun(), stream, runner, wait
-        self.on_failure, self.title, self.truth = report or (lambda line: None), title, truth
+        self.on_failure, self.truth = report or (lambda line: None), truth
         self.queue: queue.Queue[tuple[float, Step, tuple[str, ...], Pose | None] | None] = queue.Queue(QUEUE)
         self.shown = self.dropped = 0
         self.failed, self.words, self.lines = "", "", list[str]()
@@ -220,11 +213,8 @@ class View:
                 self.log_path(name)
             end_stream(self.stream, patience=3.0)
         except Exception as error:  # whatever it is, driving goes on
-            self.fail(f"the view has ended: {' '.join(f'{type(error).__name__}: {error}'.split())}")
-
-    def fail(self, why: str) -> None:
-        self.failed = why
-        self.on_failure(why)
+            self.failed = f"the view has ended: {' '.join(f'{type(error).__name__}: {error}'.split())}"
+            self.on_failure(self.failed)
 
     def close(self, patience: float = CLOSE_TIMEOUT) -> None:
         """Show what is waiting, but for so many seconds at most: a viewer that hangs is left behind."""
@@ -235,7 +225,8 @@ class View:
                 patience = 0.0
         self.thread.join(patience)
         if self.thread.is_alive() and not self.failed:
-            self.fail("the viewer takes nothing: left behind")
+            self.failed = "the viewer takes nothing: left behind"
+            self.on_failure(self.failed)
 
     def log_fixed(self, plan: Plan | None) -> None:
         rr, log = self.rr, self.stream.log
@@ -273,10 +264,13 @@ class View:
         if state is not None:
             speeds = [*map(float, state.sides), float(state.difference)]
             self.log_pose(state, step.placed is not None, truth)
-            if self.runner.grid is not None and state.map is not None and now >= self.next_map:
+            if now >= self.next_map:
                 self.next_map = now + MAP_EVERY
-                points, colors = strongest_cells(self.runner.grid, state.map.cells)
-                log("floor/map", rr.Points2D(points, colors=colors, radii=-1.2))
+                for name in self.paths:
+                    self.log_path(name)
+                if self.runner.grid is not None and state.map is not None:
+                    points, colors = strongest_cells(self.runner.grid, state.map.cells)
+                    log("floor/map", rr.Points2D(points, colors=colors, radii=-1.2))
         commands = (step.wanted, step.sent, step.driven)
         log("speeds", rr.Scalars([*speeds, *self.levels.values()]))
         log("command/speed", rr.Scalars([command.speed for command in commands]))
@@ -292,8 +286,6 @@ class View:
                 strips.append([])
             if not strips[-1] or math.dist(strips[-1][-1], place) >= STRIDE:
                 strips[-1].append(place)
-                if len(strips[-1]) % STROKE == 0:
-                    self.log_path(name)
         x, y, heading = truth or (x, y, heading)
         vector = (0.45 * math.cos(heading), -0.45 * math.sin(heading))
         self.stream.log("floor/car", self.rr.Arrows2D(origins=[(x, -y)], vectors=[vector], colors=[GREEN], radii=0.06))
@@ -314,7 +306,7 @@ class View:
             refused = f"{board.get('rejected', 0)} frames refused"
             lines.append(f"board {armed}, faults: {faults}; battery {battery}, {refused}")
         dropped = f"{self.dropped} steps not shown" if self.dropped else ""
-        return "\n\n".join(filter(None, (*lines, self.title, dropped)))
+        return "\n\n".join(filter(None, (*lines, dropped)))
 
 
 def whole_frame(frame: Tensor | Strips, field: Rect, rig: StereoRig) -> npt.NDArray[np.uint8]:

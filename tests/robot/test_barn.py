@@ -10,7 +10,6 @@ import pytest
 from ndtorch.errors import InputError
 from ndtorch.navigation import NavigatorOptions
 from ndtorch_robot.barn import Attempt, BarnWorld, Entry, Referee, attempt, comma_separated, read_worlds, table, totals
-from ndtorch_robot.evaluation.plots import barn_plot
 
 FILE = {
     "radius_m": 0.075,
@@ -27,7 +26,7 @@ FILE = {
 
 
 def made(number, success=True, collided=False, time=20.0, score=0.3):
-    return Attempt(number, success, collided, time, score, [(0.0, 0.0), (0.1, 1.0)], 2.0)
+    return Attempt(number, success, collided, time, score, 2.0)
 
 
 def small(**changes):
@@ -62,7 +61,7 @@ def test_the_score_is_that_of_the_challenge():
     assert world.score(99.0) == pytest.approx(1 / 8)
 
 
-def test_tables_and_the_picture(tmp_path):
+def test_tables():
     some = [made(1), made(2, False, True, 8.0, 0.0), made(3, False, False, 100.0, 0.0)]
     assert comma_separated(some).splitlines() == [
         "world,success,collided,time_s,score",
@@ -75,16 +74,12 @@ def test_tables_and_the_picture(tmp_path):
     text = table(some, "note")
     assert "Collided: 2 (8 s)." in text
     assert "Out of time: 3 (100 s)." in text
-    figure = barn_plot([small(number=n) for n in (1, 2, 3)], some)
-    assert [axes.get_title() for axes in figure.axes] == ["1: 20 s", "2: 8 s", "3: 100 s"]
-    assert [axes.lines[0].get_color() for axes in figure.axes] == ["#009e73", "#d55e00", "#0072b2"]
 
 
 @pytest.mark.slow
 def test_a_world_is_driven_to_its_goal():
     reached = attempt(Entry(small(), NavigatorOptions("goal", stereo="search")))
     assert (reached.success, reached.collided) == (True, False)
-    assert reached.path[-1][1] > 1.8
     assert 3.0 < reached.time_s < 12.0
 
 

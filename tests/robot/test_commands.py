@@ -129,7 +129,7 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Entry]:
                 yield workers.Event("failed", n, "Traceback\n  in a file\nInputError: no OpenGL\n")
                 continue
             hit = number == 6
-            made = Attempt(number, not hit, hit, 20.0, 0.0 if hit else 0.25, [(0.0, 0.0), (0.0, 9.0)], 0.4)
+            made = Attempt(number, not hit, hit, 20.0, 0.0 if hit else 0.25, 0.4)
             yield workers.Event("done", n, made._asdict())
 
     monkeypatch.setattr(workers, "run_tasks", run)
@@ -153,7 +153,6 @@ def test_what_is_finished_is_kept_and_not_driven_again(
     assert "failed: world 5: InputError: no OpenGL" in told
     assert (out / "barn.csv").read_text().splitlines()[1:] == ["4,1,0,20.00,0.2500", "6,0,1,20.00,0.0000"]
     assert "1 of 3 worlds are missing" in (out / "barn.md").read_text()
-    assert (out / "barn.png").stat().st_size > 1000
     assert main(command) == barn.FAILED
     assert [entry.world.number for entry in driven] == [4, 5, 6, 5]
     assert not out.with_name("out-2").exists()

@@ -21,8 +21,7 @@ from ndtorch_robot.config import load_config
 from ndtorch_robot.drive import drive
 from ndtorch_robot.run_config import BodyTable, RobotTable, read_run_config
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.car import CarLimits
-from ndtorch_robot.sim.simulation import RIG
+from ndtorch_robot.sim.simulation import RIG, CarLimits
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -10,8 +10,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
 from ndtorch.navigation.mapping.map_files import load_map
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch_robot.map_saving import WalkedPath, save_runner_map
-from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.navigator_runner import NavigatorRunner, WalkedPath, save_runner_map
 from ndtorch_robot.ports import DriveCommand, Step
 from tests.robot.support.cars import RIG, moving_world
 

@@ -14,7 +14,7 @@ from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.recording import Recorder
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.view import View, Where, open_server, open_stream
+from ndtorch_robot.view import View, open_server, open_stream
 from tests.robot.support.cars import FAULTS, RIG, FilmCar, bare_loop, moving_world
 
 rerun = pytest.importorskip("rerun")
@@ -66,7 +66,7 @@ def check_contents(path, count):
 def test_a_run_and_its_replay(tmp_path, capsys):
     path, again = tmp_path / "new" / "run.rrd", tmp_path / "replay.rrd"
     loop = film_loop(90, map_half_size_m=5.0)
-    shown = View(open_stream("run", Where(path)), loop.runner, wait=True)
+    shown = View(open_stream("run", path), loop.runner, wait=True)
     loop.safe.report = shown.report
     with Recorder(tmp_path / "r.mcap", loop.runner, when_full="wait") as recorder:
         loop.observers += [recorder, shown]
@@ -84,7 +84,7 @@ def test_a_run_and_its_replay(tmp_path, capsys):
 def test_the_true_path_over_the_plan_is_cut_where_the_car_was_moved(tmp_path):
     path, plan, loop = tmp_path / "d.rrd", load_arena("room"), film_loop(30)
     at = [1.0, 2.0]
-    shown = View(open_stream("d", Where(path), plan), loop.runner, wait=True, plan=plan, truth=lambda: (*at, 0.0))
+    shown = View(open_stream("d", path, plan=plan), loop.runner, wait=True, plan=plan, truth=lambda: (*at, 0.0))
 
     def drive(step):
         at[0] += 0.05 + 2.0 * (step.number == 20)
@@ -150,7 +150,7 @@ def test_the_viewer_listens_at_this_computer_only(monkeypatch):
     monkeypatch.setattr(view.subprocess, "Popen", Viewer)
     monkeypatch.setattr(rerun, "GrpcSink", lambda address: asked.append(address))
     monkeypatch.setattr(rerun.RecordingStream, "set_sinks", lambda self, *sinks, **more: None)
-    open_stream("live", Where(window=True))
+    open_stream("live", window=True)
     doors[0].close()
     assert asked[0][:3] == [sys.executable, "-m", "rerun"]
     assert asked[0][asked[0].index("--bind") + 1] == "127.0.0.1"

@@ -29,7 +29,7 @@ class Barn:
     """Drive through every world of the BARN challenge once: fields of cylinders, the goal 10 m ahead.
 
     Success is to come within 1 m of the goal in 100 s without touching anything; the score is success x OT /
-    clip(AT, 2 OT, 8 OT), OT the shortest path at 2 m/s and AT the time it took. Writes barn.csv, barn.md and barn.png,
+    clip(AT, 2 OT, 8 OT), OT the shortest path at 2 m/s and AT the time it took. Writes barn.csv and barn.md,
     and keeps every finished world in DIR/worlds: stopped and started again it goes on where it was.
     """
 
@@ -57,12 +57,10 @@ class Barn:
     """Print the totals as one JSON object."""
 
     def run(self) -> int:
-        from ndtorch.report.plots import save
         from ndtorch.run.folder import place_for
-        from ndtorch.utils.files import replacing, write_text
+        from ndtorch.utils.files import write_text
         from ndtorch_robot.barn import Attempt, attempt_name, comma_separated, table, totals
         from ndtorch_robot.evaluation.drives import ResultCache, finish, processes_of
-        from ndtorch_robot.evaluation.plots import barn_plot
 
         worlds, processes = self.chosen(), processes_of(self.jobs)
         entries = [self.entry(world) for world in worlds]
@@ -80,11 +78,7 @@ class Barn:
         text = table(made, f"Controller {self.controller}, {self.split} worlds, seed {self.seed}{missing}.")
         write_text(out / "barn.csv", comma_separated(made))
         write_text(out / "barn.md", text)
-        if made:
-            with replacing(out / "barn.png") as beside:
-                save(barn_plot(worlds, made), beside)
-        files = "barn.csv barn.md" + " barn.png" * bool(made)
-        print(json.dumps(totals(made)) if self.json else f"{text}\nwritten to {out}: {files}")
+        print(json.dumps(totals(made)) if self.json else f"{text}\nwritten to {out}: barn.csv barn.md")
         for trouble in troubles:
             print(f"failed: {trouble}", file=sys.stderr)
         return INTERRUPTED if interrupted else FAILED if troubles else 0

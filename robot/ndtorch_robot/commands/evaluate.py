@@ -33,7 +33,7 @@ FAILED = 1
 class Evaluate:
     """Drive many times, in parallel, and put the results into one table.
 
-    Writes report.html, table.md, table.csv and drives.jsonl, and keeps every finished drive in DIR/drives:
+    Writes report.html, table.md and drives.jsonl, and keeps every finished drive in DIR/drives:
     killed and started again it goes on where it was. With other options or other code it writes into a new folder,
     evaluate-2, and takes over the drives that are the same. Ctrl-C keeps what is finished.
     """
@@ -143,12 +143,11 @@ def write_tables(summaries: list[dict[str, Any]], folder: Path, note: str, as_js
     """All files of an evaluation; returns what to print."""
     from ndtorch.report.page import Page, Table, command_line, versions
     from ndtorch.utils.files import write_text
-    from ndtorch_robot.evaluation.table import comma_separated, markdown, rows_of, text_cells
+    from ndtorch_robot.evaluation.table import markdown, rows_of, text_cells
 
     rows = rows_of(summaries)
     text = markdown(rows, note)
     write_text(folder / "table.md", text)
-    write_text(folder / "table.csv", comma_separated(rows))
     write_text(folder / "drives.jsonl", "".join(json.dumps(s) + "\n" for s in summaries))
     if rows:
         hours, hits = sum(row["hours"] for row in rows), sum(summary["collisions"] for summary in summaries)
@@ -157,4 +156,4 @@ def write_tables(summaries: list[dict[str, Any]], folder: Path, note: str, as_js
         Page("Many drives", answer, command_line(), versions("ndtorch-robot"), [table]).write(folder)
     if as_json:
         return json.dumps([{k: v for k, v in row.items() if k != "drives"} for row in rows])
-    return f"{text}\nwritten to {folder}: table.md table.csv drives.jsonl" + " report.html" * bool(rows)
+    return f"{text}\nwritten to {folder}: table.md drives.jsonl" + " report.html" * bool(rows)

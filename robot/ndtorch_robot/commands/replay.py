@@ -65,11 +65,11 @@ class Replay:
 def shown(recording: Recording, rrd: Path) -> Comparison:
     from ndtorch_robot.ports import print_note
     from ndtorch_robot.recording import make_runner, replay
-    from ndtorch_robot.view import View, Where, open_stream
+    from ndtorch_robot.view import View, open_stream
 
     runner = make_runner(recording.configuration, mapping=True)
-    stream = open_stream(f"replay {recording.path.stem}", Where(rrd))
-    view = View(stream, runner, print_note, wait=True, title="replay")
+    stream = open_stream(f"replay {recording.path.stem}", rrd)
+    view = View(stream, runner, print_note, wait=True)
     try:
         return replay(recording, runner, [view], view.report)
     finally:

@@ -51,7 +51,7 @@ class Run:
         from ndtorch.run.folder import RunFolder
         from ndtorch_robot.bridges import Opening, open_bridges
         from ndtorch_robot.emergency import HELP, emergency_stops
-        from ndtorch_robot.map_saving import WalkedPath, save_runner_map
+        from ndtorch_robot.navigator_runner import WalkedPath, save_runner_map
         from ndtorch_robot.recording import Recorder
         from ndtorch_robot.run import open_car, real_time_priority, timed_report, with_disturbance
         from ndtorch_robot.run_config import read_run_config
@@ -122,9 +122,9 @@ class Run:
         where = (self.rrd, self.view, self.view_at)
         if not any(where):
             return None
-        from ndtorch_robot.view import Where, open_stream
+        from ndtorch_robot.view import open_stream
 
-        return open_stream(f"run {self.config.stem}", Where(*where))
+        return open_stream(f"run {self.config.stem}", *where)
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:

@@ -1,9 +1,8 @@
-"""Plots of a drive and of the BARN worlds."""
+"""Plots of a drive."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ndtorch_robot.barn import Attempt, BarnWorld
-
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 """The color-blind safe palette of Okabe and Ito."""
 
@@ -29,9 +26,6 @@ SURFACES = {"wall": "0.2", "blank": "0.6", "door": "#a05a2c", "jamb": "0.2", "pi
 
 SHOWN_SECONDS = 40.0
 """Longest part of a drive whose speeds can be read in one plot."""
-
-OUTCOMES = ((GREEN, "reached the goal"), (VERMILION, "collided"), (BLUE, "out of time"))
-"""How an attempt at a BARN world ended."""
 
 
 def new_figure(width: float, height: float, title: str = "") -> Figure:
@@ -201,34 +195,4 @@ def row_plot(result: Result, title: str) -> Figure:
         axes.set(title=f"{name} camera, row {rig.row}", xlabel="column (px)", xlim=(0, rig.width), ylim=(0, end))
     panels[0].set_ylabel("time (s)")
     figure.colorbar(dots, ax=panels, shrink=0.6, label="range of the feature (m)")
-    return figure
-
-
-def barn_plot(worlds: Sequence[BarnWorld], attempts: Sequence[Attempt], most: int = 60) -> Figure:
-    """All BARN worlds side by side with the path through each; of more than `most` the first ones."""
-    from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Circle
-
-    by_number = {a.world: a for a in attempts}
-    drawn = [w for w in worlds if w.number in by_number][:most]
-    across = min(10, max(1, len(drawn)))
-    down = -(-len(drawn) // across)
-    figure = new_figure(1.25 * across, 2.9 * down + 0.4)
-    panels = list(figure.subplots(down, across, squeeze=False).flat)
-    for axes in panels:
-        axes.set_axis_off()
-    for axes, world in zip(panels, drawn, strict=False):
-        made = by_number[world.number]
-        color = OUTCOMES[0 if made.success else 1 if made.collided else 2][0]
-        axes.add_collection(PatchCollection([Circle(c, world.radius) for c in world.cylinders], color="0.55", lw=0))
-        axes.add_patch(Circle(world.goal, world.within, fill=False, color="0.4", lw=0.8))
-        path = np.array(made.path).reshape(-1, 2)
-        axes.plot(*path.T, color=color, lw=1.4)
-        axes.plot(*path[-1:].T, "X" if made.collided else "o", color=color, ms=5 if made.collided else 3)
-        xs = [x for x, _ in world.cylinders]
-        axes.set(xlim=(min(xs) - 0.3, max(xs) + 0.3), ylim=(world.start[1] - 0.8, world.goal[1] + 1.2), aspect="equal")
-        axes.set_title(f"{world.number}: {made.time_s:.0f} s", fontsize=7, pad=1)
-    for color, words in OUTCOMES:
-        panels[0].plot([], [], color=color, label=words)
-    legend(figure, 3, panels[0])
     return figure

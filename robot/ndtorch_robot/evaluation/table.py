@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from statistics import mean, median
 from typing import Any
@@ -89,10 +87,3 @@ def markdown(rows: Sequence[Row], note: str) -> str:
     lines = ["| " + " | ".join(names) + " |", "|---" * words + "|---:" * (len(names) - words) + "|"]
     lines += ["| " + " | ".join(cell or "-" for cell in row) + " |" for row in cells]
     return "\n".join([*lines, "", note, ""])
-
-
-def comma_separated(rows: Sequence[Row]) -> str:
-    """The table as CSV."""
-    out, (names, cells) = io.StringIO(), text_cells(rows)
-    csv.writer(out, lineterminator="\n").writerows([names, *cells])
-    return out.getvalue()

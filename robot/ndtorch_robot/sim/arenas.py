@@ -10,19 +10,130 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from ndtorch.errors import InputError, did_you_mean
-from ndtorch_robot.sim.arena_file import read_arena
-from ndtorch_robot.sim.plan import Plan, Point, Ring, circle, cylinder, ring
-from ndtorch_robot.sim.shapes import Box, box_ring, chair_rings, table_rings, trace
-from ndtorch_robot.sim.textures import Floor
+from ndtorch.utils.toml import Strict, read_toml
+from ndtorch_robot.sim.plan import Plan, Point, Ring, SpawnPoints, circle, cylinder, ring
+from ndtorch_robot.sim.textures import Pattern
 
 DOOR_SPACING = 1.308
 """Metres between neighbouring doors, as measured in the hallway of [A §2.3]."""
 
 DOOR_WIDTH, NICHE = 0.91, 0.10
+
+LEG, PLATE, INSET = 0.03, 0.03, 0.05
+"""Width of the legs of chairs and tables, thickness of seats and tops, and distance of legs from the edges, m."""
+
+Node = tuple[int, int]
+
+
+class Box(NamedTuple):
+    """A rectangle of floor, m. `kind` is what its walls look like where it is not open to another box."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+    kind: str = "wall"
+
+
+def trace(rooms: list[Box], holes: list[Box] | None = None) -> tuple[Ring, tuple[Ring, ...]]:
+    """The outline of the union of `rooms` less `holes`, and the rings of all inside it.
+
+    Later boxes decide what a wall looks like. In a box of kind "door", a niche, the longer walls are the door and the
+    shorter ones jambs.
+    """
+    holes = holes or []
+    boxes = rooms + holes
+    xs = np.unique(np.round([v for box in boxes for v in (box.left, box.right)], 6))
+    ys = np.unique(np.round([v for box in boxes for v in (box.bottom, box.top)], 6))
+    free = np.zeros((len(xs) + 1, len(ys) + 1), dtype=bool)  # with a margin of what is not free
+    for value, group in ((True, rooms), (False, holes)):
+        for box in group:
+            columns = (xs[:-1] >= box.left - 1e-6) & (xs[1:] <= box.right + 1e-6)
+            rows = (ys[:-1] >= box.bottom - 1e-6) & (ys[1:] <= box.top + 1e-6)
+            free[1:-1, 1:-1][np.ix_(columns, rows)] = value
+    edges: dict[Node, list[Node]] = {}  # between corners of cells, with free floor on their left
+    for i, j in np.argwhere(free).tolist():
+        low, high = (i - 1, j - 1), (i, j)
+        for beside, start, end in (
+            ((i, j - 1), low, (high[0], low[1])),
+            ((i + 1, j), (high[0], low[1]), high),
+            ((i, j + 1), high, (low[0], high[1])),
+            ((i - 1, j), (low[0], high[1]), low),
+        ):
+            if not free[beside]:
+                edges.setdefault(start, []).append(end)
+    rings = []
+    while edges:
+        rings.append(labelled([(float(xs[i]), float(ys[j])) for i, j in next_loop(edges)], boxes))
+    outlines = [r for r in rings if r.area > 0]
+    if len(outlines) != 1:
+        raise InputError(f"the rooms must form one connected floor, got {len(outlines)} that do not touch")
+    return outlines[0], tuple(r for r in rings if r.area < 0)
+
+
+def next_loop(edges: dict[Node, list[Node]]) -> list[Node]:
+    """A closed line of edges, which are removed."""
+    start = min(edges)
+    loop, node, before = [start], edges[start].pop(), start
+    while node != start:
+        loop.append(node)
+        step = (node[0] - before[0], node[1] - before[1])
+        # Where two corners touch, turning left keeps their floors apart.
+        edges[node].sort(key=lambda to: -(step[0] * np.sign(to[1] - node[1]) - step[1] * np.sign(to[0] - node[0])))
+        before, node = node, edges[node].pop(0)
+    for done in [n for n, targets in edges.items() if not targets]:
+        del edges[done]
+    return loop
+
+
+def labelled(points: list[Point], boxes: list[Box]) -> Ring:
+    """A ring with the kinds of its walls, and without corners in the middle of straight walls of one kind."""
+    kinds = [surface_kind(a, b, boxes) for a, b in zip(points, points[1:] + points[:1], strict=True)]
+    kept = []
+    for k, (x, y) in enumerate(points):
+        (ax, ay), (bx, by) = points[k - 1], points[(k + 1) % len(points)]
+        if kinds[k] != kinds[k - 1] or abs((x - ax) * (by - y) - (y - ay) * (bx - x)) >= 1e-9:
+            kept.append(k)
+    return Ring(tuple(points[k] for k in kept), tuple(kinds[k] for k in kept))
+
+
+def surface_kind(a: Point, b: Point, boxes: list[Box]) -> str:
+    """What the wall from a to b looks like: the last box that has it as a side decides."""
+    x, y = (a[0] + b[0]) / 2, (a[1] + b[1]) / 2
+    kind = "wall"
+    for box in boxes:
+        within = box.left - 1e-6 <= x <= box.right + 1e-6 and box.bottom - 1e-6 <= y <= box.top + 1e-6
+        if within and min(abs(x - box.left), abs(x - box.right), abs(y - box.bottom), abs(y - box.top)) < 1e-6:
+            wide = box.right - box.left >= box.top - box.bottom
+            across = wide != (abs(b[0] - a[0]) > abs(b[1] - a[1]))
+            kind = "jamb" if box.kind == "door" and across else box.kind
+    return kind
+
+
+def box_ring(box: Box, height: float, bottom: float = 0.0) -> Ring:
+    """A piece of furniture."""
+    corners = [(box.left, box.bottom), (box.right, box.bottom), (box.right, box.top), (box.left, box.top)]
+    return ring(corners, "furniture", height, solid=True, bottom=bottom)
+
+
+def chair_rings(x: float, y: float, turned: float) -> list[Ring]:
+    """Four legs and a seat, turned by radians; of the seat only the part is drawn that every turn has in common."""
+    legs = [cylinder(*corner, LEG / 2, 0.44, 6) for corner in circle(x, y, 0.40 / np.sqrt(2), 4, turned)]
+    half = 0.18
+    return [*legs, box_ring(Box(x - half, y - half, x + half, y + half), 0.44 + PLATE, 0.44)]
+
+
+def table_rings(box: Box, height: float, legs: float = LEG) -> list[Ring]:
+    """Four legs and a top."""
+    corners = [(x, y) for x in (box.left + INSET, box.right - INSET) for y in (box.bottom + INSET, box.top - INSET)]
+    rings = [cylinder(*corner, legs / 2, height - PLATE, 6) for corner in corners]
+    return [*rings, box_ring(box, height, height - PLATE)]
 
 
 def hallway(seed: int) -> Plan:
@@ -180,22 +291,22 @@ def beside(cell: tuple[int, int], columns: int, rows: int) -> list[tuple[int, in
 
 def tiles(seed: int) -> Plan:
     """The loop with a floor of tiles, 30 cm, with dark joints of 6 mm."""
-    return replace(loop(seed), name="tiles", floor=Floor("tiles"))
+    return replace(loop(seed), name="tiles", floor="tiles")
 
 
 def checker(seed: int) -> Plan:
     """The loop with a floor of light and dark checks, 25 cm."""
-    return replace(loop(seed), name="checker", floor=Floor("checker"))
+    return replace(loop(seed), name="checker", floor="checker")
 
 
 def smooth(seed: int) -> Plan:
     """The loop with a floor almost without texture."""
-    return replace(loop(seed), name="smooth", floor=Floor("smooth"))
+    return replace(loop(seed), name="smooth", floor="smooth")
 
 
 def lines(seed: int) -> Plan:
     """The hallway with dark lines, 3 cm wide, across its floor every 2.5 m."""
-    return replace(hallway(seed), name="lines", floor=Floor("lines"))
+    return replace(hallway(seed), name="lines", floor="lines")
 
 
 def chairs(seed: int) -> Plan:
@@ -301,6 +412,99 @@ TESTS: dict[str, Callable[[int], Plan]] = {
 }
 ARENAS = BUILDINGS | TESTS
 """All arenas by name."""
+
+
+CAR_WIDTH, NARROWEST = 0.36, 0.6
+"""Metres: a passage narrower than the second leaves the car no room to steer."""
+
+Four = tuple[float, float, float, float]
+
+
+class Pillar(Strict):
+    """A pillar: its middle and its width, m."""
+
+    x: float
+    y: float
+    width: Annotated[float, Field(ge=0.02, le=5.0)]
+    round: bool = False
+    height: Annotated[float, Field(gt=0.02, le=10.0)] | None = None
+
+    def ring(self) -> Ring:
+        if self.round and self.height is not None:
+            return cylinder(self.x, self.y, self.width / 2, self.height, 12)
+        if self.round:
+            return ring(circle(self.x, self.y, self.width / 2, 16), "pillar", solid=True)
+        corners = circle(self.x, self.y, self.width / math.sqrt(2), 4, math.pi / 4)
+        return ring(corners, "pillar", self.height, solid=True)
+
+
+class BoxTable(Strict):
+    """A box: its rectangle, and from where up to where it reaches, m. A sill, up to 2 cm high, is driven over."""
+
+    at: Four
+    bottom: Annotated[float, Field(ge=0, le=10)] = 0.0
+    height: Annotated[float, Field(gt=0, le=10)]
+
+
+class TableTable(Strict):
+    """A table: the rectangle of its top, how high that is, and how wide the four legs are, m."""
+
+    at: Four
+    height: Annotated[float, Field(gt=0.3, le=2)] = 0.72
+    legs: Annotated[float, Field(ge=0.02, le=0.3)] = 0.04
+
+
+class ArenaFile(Strict):
+    """The keys of a file:
+
+    name = "lab"
+    rooms = [[0, 0, 8, 6], [8.1, 2, 14, 4]]        # left, bottom, right, top in m
+    doors = [[8, 2.4, 8.1, 3.2]]                   # rectangles that join rooms through thin walls
+    pillars = [{x = 4, y = 3, width = 0.4, round = true, height = 1.2}]
+    boxes = [{at = [2, 2, 4, 3], bottom = 0.12, height = 0.75}]    # low boxes, overhangs, sills
+    tables = [{at = [5, 1, 6.2, 1.7], height = 0.72, legs = 0.04}]
+    floor = "tiles"                                # carpet, tiles, checker, smooth, lines
+    start = [1, 1, 90]                             # x, y in m, heading in degrees
+    height = 2.4
+    """
+
+    name: str
+    rooms: Annotated[tuple[Four, ...], Field(min_length=1)]
+    doors: tuple[Four, ...] = ()
+    pillars: tuple[Pillar, ...] = ()
+    boxes: tuple[BoxTable, ...] = ()
+    tables: tuple[TableTable, ...] = ()
+    floor: Pattern = "carpet"
+    start: tuple[float, float, float] | None = None
+    height: float = 2.4
+
+
+def read_arena(path: Path) -> Plan:
+    """The plan in a file."""
+    file = read_toml(path, ArenaFile)
+    try:
+        rooms = [rectangle(room, NARROWEST, NARROWEST) for room in file.rooms]
+        doors = [rectangle(door, CAR_WIDTH)._replace(kind="jamb") for door in file.doors]
+        outline, inner = trace(rooms + doors)
+        solids = [pillar.ring() for pillar in file.pillars]
+        solids += [box_ring(rectangle(box.at), box.height, box.bottom) for box in file.boxes]
+        solids += [part for t in file.tables for part in table_rings(rectangle(t.at), t.height, t.legs)]
+        start = (*file.start[:2], math.radians(file.start[2])) if file.start else None
+        plan = Plan(file.name, outline, (*inner, *solids), start, height=file.height, floor=file.floor)
+        SpawnPoints(plan)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return plan
+
+
+def rectangle(at: Four, longest: float = 0.0, shortest: float = 0.0) -> Box:
+    """A rectangle of a file, whose sides are at least so long."""
+    box = Box(*at)
+    sides = box.right - box.left, box.top - box.bottom
+    if min(sides) <= 0 or max(sides) < longest - 1e-6 or min(sides) < shortest - 1e-6:
+        least = f" and at least {longest} m wide" if longest else ""
+        raise InputError(f"{list(at)} must be left, bottom, right, top{least}")
+    return box
 
 
 def load_arena(name: str, seed: int = 0) -> Plan:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -21,14 +20,6 @@ Frame = torch.Tensor | Strips
 
 REACH = (0.02, 60.0)
 """Nearest and farthest distance that is rendered, m."""
-
-
-class CameraView(NamedTuple):
-    """Pose of a camera: its position, m, its optical axis and its upward axis, two unit vectors at a right angle."""
-
-    position: Floats
-    forward: Floats
-    up: Floats
 
 
 class Cameras:
@@ -74,7 +65,7 @@ class Cameras:
                 frames.append(Strips(*(torch.from_numpy(part)[None] for part in parts)))
         return frames
 
-    def render(self, views: Sequence[CameraView], rects: Sequence[Sequence[Rect]]) -> list[Image]:
+    def render(self, views: Sequence[Floats], rects: Sequence[Sequence[Rect]]) -> list[Image]:
         """The pixels of rectangles of each view, `[3, h, w]`, the colors of a pixel next to each other in memory."""
         parts, begins, size, w = [], [], 0, self.world
         for number, some in enumerate(rects):
@@ -83,22 +74,16 @@ class Cameras:
                 parts.append([number, *rect, size])
                 begins.append((size, high, wide))
                 size += high * wide
-        cameras, out = np.array([self.projection(view) for view in views]), np.empty((size, 3), np.uint8)
+        cameras, out = np.array(views), np.empty((size, 3), np.uint8)
         rasterise(w.corners, w.surface, w.texels, w.mipmaps, cameras, np.array(parts), REACH, out)
         return [out[n : n + high * wide].reshape(high, wide, 3).transpose(2, 0, 1) for n, high, wide in begins]
 
-    def frame(self, view: CameraView) -> Image:
+    def frame(self, view: Floats) -> Image:
         """A whole frame `[3, H, W]`."""
         return self.render([view], [[Rect(0, self.rig.height, 0, self.rig.width)]])[0]
 
-    def projection(self, view: CameraView) -> Floats:
-        """A camera as the kernel `visible_triangles` takes it, `[4, 3]`."""
-        focal, (column, row) = self.rig.focal * (1 + self.errors.focal_error_ratio), self.rig.center
-        across = focal * np.cross(view.forward, view.up) + column * view.forward
-        return np.stack((view.position, across, row * view.forward - focal * view.up, view.forward))
-
-    def view(self, x: float, y: float, heading: float, side: int) -> CameraView:
-        """The pose of a camera: 0 the left one, 1 the right one."""
+    def view(self, x: float, y: float, heading: float, side: int) -> Floats:
+        """A camera, 0 the left one, 1 the right one, as the kernel `visible_triangles` takes it, `[4, 3]`."""
         e, rig = self.errors, self.rig
         ahead, left = direction(heading), direction(heading + math.pi / 2)
         aside = (0.5 - side) * rig.baseline * (1 + e.baseline_error_ratio)
@@ -108,7 +93,10 @@ class Cameras:
         ahead, left = direction(yaw), direction(yaw + math.pi / 2)
         upward = math.sin(pitch) * ahead + math.cos(pitch) * vertical
         forward = math.cos(pitch) * ahead - math.sin(pitch) * vertical
-        return CameraView(position, forward, math.cos(roll) * upward - math.sin(roll) * left)
+        upward = math.cos(roll) * upward - math.sin(roll) * left
+        focal, (column, row) = rig.focal * (1 + e.focal_error_ratio), rig.center
+        across = focal * np.cross(forward, upward) + column * forward
+        return np.stack((position, across, row * forward - focal * upward, forward))
 
 
 def direction(angle: float) -> Floats:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from ndtorch.errors import InputError
 
 if TYPE_CHECKING:
     from ndtorch_robot.sim.plan import Plan, Ring
@@ -40,49 +37,27 @@ PATTERNS: dict[str, tuple[float, float, float]] = {
     "smooth": (1.0, 0.0, 0.0015),
     "lines": (2.5, 0.03, 0.03),
 }
-"""By default: metres from joint to joint, check to check and line to line; how wide joints and lines are, m; and the
+"""Metres from joint to joint, check to check and line to line; how wide joints and lines are, m; and the
 standard deviation of the brightness of the material itself, where one level of 256 is 0.004."""
 
 DARK, CHECKS, TONES = 0.35, (0.65, 1.35), 0.05
 """Brightness of joints and lines, and of the two kinds of checks, relative to the floor; spread of whole tiles."""
 
 
-@dataclass(frozen=True)
-class Floor:
-    """What a floor looks like.
-
-    Args:
-        pattern: `"carpet"`, `"tiles"` with dark joints, `"checker"`, `"smooth"` (almost no texture), or `"lines"`:
-            carpet with dark lines across x, such as sills and cables.
-        size: metres from one to the next; 0 is that of `PATTERNS`.
-
-    Raises:
-        InputError: a pattern or size that cannot be.
-    """
-
-    pattern: Pattern = "carpet"
-    size: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.pattern not in PATTERNS:
-            raise InputError(f"floor must be one of {', '.join(PATTERNS)}, got {self.pattern!r}")
-        if self.size and not PATTERNS[self.pattern][1] < self.size < math.inf:
-            raise InputError(f"floor: size must be larger than its lines, got {self.size}")
-
-    def light(self, x: Array, y: Array, rng: np.random.Generator) -> Array | float:
-        """Brightness of texels at those middles, m, as a factor `[rows, columns]`."""
-        if self.pattern in ("carpet", "smooth"):
-            return 1.0
-        step, width = self.size or PATTERNS[self.pattern][0], PATTERNS[self.pattern][1]
-        column, row = np.floor(x / step).astype(int), np.floor(y / step).astype(int)
-        if self.pattern == "checker":
-            return np.where((column + row[:, None]) % 2 == 1, *CHECKS).astype(np.float32)
-        across, along = (1 - (1 - DARK) * covered(axis, step, width) for axis in (x, y))
-        if self.pattern == "lines":
-            return np.asarray(across)
-        column, row = column - column.min(), row - row.min()
-        tones = 1 + TONES * rng.standard_normal((row.max() + 1, column.max() + 1))
-        return np.asarray(tones[row][:, column] * np.minimum(across, along[:, None]), np.float32)
+def floor_light(pattern: Pattern, x: Array, y: Array, rng: np.random.Generator) -> Array | float:
+    """Brightness of texels at those middles, m, as a factor `[rows, columns]`; `"lines"` lie across x."""
+    if pattern in ("carpet", "smooth"):
+        return 1.0
+    step, width, _ = PATTERNS[pattern]
+    column, row = np.floor(x / step).astype(int), np.floor(y / step).astype(int)
+    if pattern == "checker":
+        return np.where((column + row[:, None]) % 2 == 1, *CHECKS).astype(np.float32)
+    across, along = (1 - (1 - DARK) * covered(axis, step, width) for axis in (x, y))
+    if pattern == "lines":
+        return np.asarray(across)
+    column, row = column - column.min(), row - row.min()
+    tones = 1 + TONES * rng.standard_normal((row.max() + 1, column.max() + 1))
+    return np.asarray(tones[row][:, column] * np.minimum(across, along[:, None]), np.float32)
 
 
 def covered(middles: Array, step: float, width: float) -> Array:
@@ -189,10 +164,10 @@ def floor_texture(plan: Plan, rng: np.random.Generator) -> tuple[Image, tuple[fl
         if texels > 1:
             coarse = np.asarray(cv2.resize(coarse, None, fx=texels, fy=texels, interpolation=cv2.INTER_CUBIC))
         layer = coarse[:rows, :columns]
-        carpet += layer * (weight * PATTERNS[plan.floor.pattern][2] / float(layer.std()))
+        carpet += layer * (weight * PATTERNS[plan.floor][2] / float(layer.std()))
     x = np.asarray(left - 0.2 + (np.arange(columns) + 0.5) / FLOOR, np.float32)
     y = np.asarray(bottom - 0.2 + (rows - np.arange(rows) - 0.5) / FLOOR, np.float32)
-    carpet = (0.45 + carpet) * plan.floor.light(x, y, rng)
+    carpet = (0.45 + carpet) * floor_light(plan.floor, x, y, rng)
     image = to_bytes(carpet[..., None] * np.array([1.0, 0.97, 0.93], np.float32))
     return image, (left - 0.2, left - 0.2 + columns / FLOOR, bottom - 0.2, bottom - 0.2 + rows / FLOOR)
 

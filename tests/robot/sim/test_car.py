@@ -14,9 +14,8 @@ from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.car import Car, CarLimits
 from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost
-from ndtorch_robot.sim.simulation import Simulation
+from ndtorch_robot.sim.simulation import Car, CarLimits, Simulation
 
 
 def drive(car, seconds, dt=1 / 120):

@@ -10,10 +10,9 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips
 from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.sim.car import Car
 from ndtorch_robot.sim.disturbances import PRESETS, Disturbances, Effects, read_disturbances
 from ndtorch_robot.sim.plan import Plan, ring
-from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.sim.simulation import RIG, Car, Simulation
 
 
 def effects(**numbers):

@@ -8,11 +8,8 @@ import pytest
 
 from ndtorch.errors import InputError
 from ndtorch_robot.sim._kernels import rectangle_touches
-from ndtorch_robot.sim.arenas import ARENAS, DOOR_SPACING, load_arena
-from ndtorch_robot.sim.plan import Plan, Ring, cylinder, inside, ring
-from ndtorch_robot.sim.shapes import Box, trace
-from ndtorch_robot.sim.spawn_points import SpawnPoints
-from ndtorch_robot.sim.textures import Floor
+from ndtorch_robot.sim.arenas import ARENAS, DOOR_SPACING, Box, load_arena, trace
+from ndtorch_robot.sim.plan import Plan, Ring, SpawnPoints, cylinder, inside, ring
 
 FILES = Path(__file__).resolve().parents[3] / "robot" / "arenas"
 SQUARE = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)]
@@ -131,7 +128,7 @@ def test_arena_file(tmp_path):
     file.write_text(FILE)
     plan = load_arena(str(file))
     assert plan.start == (1.0, 1.0, pytest.approx(math.pi / 2))
-    assert plan.floor == Floor("tiles")
+    assert plan.floor == "tiles"
     assert plan.outline.area == pytest.approx(16 + 18 + 0.6 + 0.08)
     places = np.array([[4.05, 1.4], [1.5, 2.5], [3.1, 3.0], [5.5, 2.4], [8.3, 4.5]])
     assert (plan.clearance(places) > 0).tolist() == [True, False, True, True, True]
