@@ -97,12 +97,10 @@ class Place(NamedTuple):
             shutil.copytree(self.before / name, self.folder / name, dirs_exist_ok=True)
 
 
-def place_for(wanted: Path, settings: Mapping[str, Any], fresh: bool = False, force: bool = False) -> Place:
+def place_for(wanted: Path, settings: Mapping[str, Any], force: bool = False) -> Place:
     """The folder of the run with these settings, options and code, if there was one; else the next that is free.
 
-    Args:
-        fresh: nothing of earlier runs is used.
-        force: this folder, whatever is in it.
+    With `force`, this folder, whatever is in it.
     """
     text = json.dumps(settings, sort_keys=True, indent=1, default=str) + "\n"
     before: Path | None = None
@@ -113,14 +111,14 @@ def place_for(wanted: Path, settings: Mapping[str, Any], fresh: bool = False, fo
         if force:
             write_text(mark, text)
             return Place(folder, None if kept == text else before)
-        if kept == text and not fresh:
+        if kept == text:
             return Place(folder, None)
         if kept is None and not any(folder.iterdir()):
             # For one of two processes that begin at once.
             with contextlib.suppress(FileExistsError), mark.open("x", encoding="utf-8") as file:
                 file.write(text)
                 return Place(folder, before)
-        before = before if kept is None or fresh else folder
+        before = before if kept is None else folder
     raise AssertionError
 
 

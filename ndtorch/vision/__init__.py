@@ -1,10 +1,19 @@
 """Frames -> signals: temporal filters, motion, orientation and the ten features; speed of image rows."""
 
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
-from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
-from ndtorch.vision.nondirectional import NDS, SPEED_SCALE, NDMin, NDMinus, NDSState, spatial_maximum
+from ndtorch.vision.nondirectional import (
+    NDS,
+    SPEED_SCALE,
+    NDMin,
+    NDMinus,
+    NDSState,
+    SpeedCurve,
+    judge_speed_curve,
+    spatial_maximum,
+    speed_response,
+)
 from ndtorch.vision.orientation import ANGLES, OrientedDoG, dog_spectrum
 from ndtorch.vision.receptive_fields import LocalFeatures, field_weights
 from ndtorch.vision.sequential import Sequential, SequentialState

@@ -214,10 +214,9 @@ def test_the_same_settings_go_on_in_their_folder(tmp_path: Path) -> None:
     assert found == {"maps/parts/a.json": "1", "maps-2/parts/a.json": "1", "maps-2/table.md": "three"}
 
 
-def test_fresh_is_a_new_folder_and_force_any(tmp_path: Path) -> None:
+def test_force_takes_any_folder(tmp_path: Path) -> None:
     wanted = tmp_path / "maps"
     assert place_for(wanted, {"a": 1}).folder == wanted
-    assert place_for(wanted, {"a": 1}, fresh=True) == (tmp_path / "maps-2", None)
     assert place_for(wanted, {"a": 2}, force=True) == (wanted, None)
     assert place_for(wanted, {"a": 2}) == (wanted, None)
     (tmp_path / "mine").mkdir()

@@ -33,8 +33,7 @@ from ndtorch.vision import (
     Sequential,
     VisualFeatures,
 )
-from ndtorch.vision.characterisation import judge_speed_curve, speed_response
-from ndtorch.vision.nondirectional import SPEED_SCALE
+from ndtorch.vision.nondirectional import SPEED_SCALE, judge_speed_curve, speed_response
 
 SIZE = (24, 30)
 
