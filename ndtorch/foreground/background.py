@@ -17,6 +17,15 @@ from torch import Tensor
 
 from ndtorch.config import Constants, constant
 from ndtorch.errors import InputError
+from ndtorch.foreground._kernels import (
+    compare,
+    follow_rest,
+    learn_pixels,
+    light_ratios,
+    mark_candidates,
+    mark_motion,
+    shadow_marks,
+)
 from ndtorch.vision.temporal import smoothing_factor
 
 Floats = npt.NDArray[np.float32]
@@ -24,6 +33,8 @@ Bytes = npt.NDArray[np.uint8]
 Labels = npt.NDArray[np.int32]
 Numbers = npt.NDArray[np.float64]
 
+SQUARE = np.ones((3, 3), np.uint8)
+"""Element of dilations by a pixel."""
 MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
 """Mean and median of the magnitude of a normal variable, in standard deviations."""
 TAU_NOISE_S, OUTLIER = 4.0, 3.0
@@ -33,6 +44,8 @@ MIN_MOTION, MIN_COLOR_MOTION, MOTION_TRAIL_S, MIN_MOTION_SIDE = 0.012, 0.1, 0.1,
 no background is known, and the smallest side of what counts there (of the height)."""
 STARTING_S = 2.0
 """From then on, a pixel needs the less time without motion the longer the scene has lasted."""
+STEP = 4
+"""Medians are taken of every so many pixels across and down."""
 DARK, MAX_GAIN = 0.04, 4.0
 """The exposure is measured where the background is lighter than this (of full scale), and corrected by at most this."""
 LIGHT_OFFSET, WINDOW_PX, MAX_VARIATION, PENUMBRA_PX = 0.02, 5, 0.06, 2
@@ -119,23 +132,23 @@ def segment(raw: Floats, s: BackgroundState, dt: float, p: BackgroundParams) -> 
     """Foreground mask of a frame `[3, h, w]`, 0..1; `previous` and `static_time` of the state are updated."""
     import cv2
 
+    shape = raw.shape[1:]
     gain = exposure_gain(raw, s.mean)
-    image = raw / gain[:, None, None]
-    distance = cv2.absdiff(image.reshape(-1, image.shape[2]), s.mean.reshape(-1, image.shape[2])).reshape(image.shape)
-    distance = np.maximum(np.maximum(distance[0], distance[1]), distance[2])
-    noise = max(float(np.median(distance[::4, ::4])) / MEDIAN_SIZE, p.min_noise_ratio)
-    sigma = np.maximum(s.deviation / np.float32(MEAN_SIZE), np.float32(noise))
-    candidates = np.asarray(distance > np.float32(p.threshold_sigma) * sigma)
+    image, distance, sigma = np.empty_like(raw), np.empty(shape, np.float32), np.empty(shape, np.float32)
+    candidates = np.empty(shape, np.uint8)
+    compare(raw, gain, s.mean, image, distance)
+    noise = max(median(distance[::STEP, ::STEP]) / MEDIAN_SIZE, p.min_noise_ratio)
+    count = mark_candidates(distance, s.deviation, MEAN_SIZE, noise, p.threshold_sigma, sigma, candidates)
     smooth = blurred(image)
+    mask, moved, change = motion(smooth, candidates, s, dt, p)
     faded = (np.abs(np.log(gain)) > 0.999 * math.log(MAX_GAIN)).sum() > 1
-    other = faded or is_other_scene(smooth, s.previous) or candidates.mean() > CUT_AREA
-    moved = motion(smooth, candidates, s, dt, p)
-    if other:
-        return Segmentation(raw, distance, sigma, np.zeros(sigma.shape, np.uint8), True)
-    mask = (candidates & (s.known > 0)).astype(np.uint8)
+    # Less change in all cannot be enough in most blocks.
+    other = change > CUT_CHANGE * CUT_BLOCKS and is_other_scene(smooth, s.previous)
+    if faded or other or count > CUT_AREA * candidates.size:
+        return Segmentation(raw, distance, sigma, np.zeros(shape, np.uint8), True)
+    s.previous[...] = smooth
     mask = without_shadow(mask, image, s.mean, p)
-    mask = cv2.medianBlur(mask | moved, 3)
-    return Segmentation(image, distance, sigma, np.asarray(mask, np.uint8), False)
+    return Segmentation(image, distance, sigma, np.asarray(cv2.medianBlur(mask | moved, 3), np.uint8), False)
 
 
 def learn(seen: Segmentation, kept: Bytes, s: BackgroundState, dt: float, p: BackgroundParams) -> None:
@@ -143,58 +156,54 @@ def learn(seen: Segmentation, kept: Bytes, s: BackgroundState, dt: float, p: Bac
 
     Where it is not known, the background is the mean since something moved.
     """
-    import cv2
-
     s.frames[...] += 1
     seconds = float(s.frames) * dt
-    free = np.asarray((kept == 0) & (s.known > 0)).astype(np.uint8)
-    pace = smoothing_factor(p.tau_background, dt)
-    for plane, mean in zip(seen.image, s.mean, strict=True):
-        cv2.accumulateWeighted(plane, mean, pace, free)
-    usual = np.minimum(seen.distance, np.float32(OUTLIER * MEAN_SIZE) * seen.sigma)
     noise_pace = max(1 / (float(s.frames) + 5), smoothing_factor(TAU_NOISE_S, dt))
-    cv2.accumulateWeighted(usual, s.deviation, noise_pace, free)
-    unknown = np.nonzero(s.known == 0)
-    if len(unknown[0]):
-        still = s.static_time[unknown]
-        for plane, mean in zip(seen.image, s.mean, strict=True):
-            mean[unknown] += (plane[unknown] - mean[unknown]) * np.float32(dt) / (still + np.float32(dt))
-        s.known[unknown] = still >= p.static_after_s * min(1.0, STARTING_S / seconds)
+    needed = p.static_after_s * min(1.0, STARTING_S / seconds)
+    paces = smoothing_factor(p.tau_background, dt), noise_pace, OUTLIER * MEAN_SIZE, dt, needed
+    learn_pixels(seen.image, seen.distance, seen.sigma, kept, s.static_time, paces, s.mean, s.deviation, s.known)
+
+
+def median(values: npt.NDArray[Any]) -> float:
+    """Median of all values: `np.median` without its checks."""
+    half = values.size // 2
+    parted = np.partition(values.ravel(), half)
+    upper = float(parted[half])
+    return upper if values.size % 2 else (upper + float(parted[:half].max())) / 2
 
 
 def exposure_gain(image: Floats, background: Floats) -> Floats:
     """Median ratio of each color to the background where that is not dark, `[3]`; 1 where nearly all of it is."""
-    one, other = image[:, ::4, ::4].reshape(3, -1), background[:, ::4, ::4].reshape(3, -1)
-    lit = other.min(0) > DARK
-    if lit.mean() < 0.1:
+    sampled = -(-image.shape[1] // STEP) * -(-image.shape[2] // STEP)
+    ratios = np.empty((3, sampled), np.float32)
+    lit = light_ratios(image, background, DARK, STEP, ratios)
+    if lit < 0.1 * sampled:
         return np.ones(3, np.float32)
-    return np.asarray(np.median(one[:, lit] / other[:, lit], 1).clip(1 / MAX_GAIN, MAX_GAIN), np.float32)
+    return np.array([median(own[:lit]) for own in ratios], np.float32).clip(1 / MAX_GAIN, MAX_GAIN)
 
 
 def motion(
-    smooth: Floats, candidates: npt.NDArray[np.bool_], s: BackgroundState, dt: float, p: BackgroundParams
-) -> Bytes:
-    """Update the time without motion; returns broad motion where no background is known, `[h, w]`.
+    smooth: Floats, candidates: Bytes, s: BackgroundState, dt: float, p: BackgroundParams
+) -> tuple[Bytes, Bytes, float]:
+    """Update the time without motion.
 
     A pixel moves if it changes by more than the noise, and, where no background is known, if it is a candidate.
+
+    Returns:
+        Candidates where the background is known, and broad motion elsewhere, `[h, w]`; mean change of brightness.
     """
     import cv2
 
-    red, green, blue = smooth - s.previous
-    change = np.abs(red + green + blue) / np.float32(3)
-    colored = np.maximum(np.maximum(np.abs(red), np.abs(green)), np.abs(blue))
-    s.previous[...] = smooth
-    noise = float(np.median(change[::4, ::4])) / MEDIAN_SIZE
-    unknown = s.known == 0
-    moves = (
-        (change > max(MIN_MOTION, p.threshold_sigma * noise)) | (colored > MIN_COLOR_MOTION) | (candidates & unknown)
-    )
-    wide = cv2.dilate(cv2.medianBlur(moves.astype(np.uint8), 3), np.ones((3, 3), np.uint8))
-    s.static_time[...] += np.float32(dt)
-    s.static_time[wide > 0] = 0
-    side = 2 * round(MIN_MOTION_SIDE * len(change) / 2) + 1
-    recent = np.asarray(unknown & (s.static_time < MOTION_TRAIL_S)).astype(np.uint8)
-    return np.asarray(cv2.morphologyEx(recent, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
+    red, green, blue = smooth[:, ::STEP, ::STEP] - s.previous[:, ::STEP, ::STEP]
+    noise = median(np.abs(red + green + blue)) / 3 / MEDIAN_SIZE
+    least = max(MIN_MOTION, p.threshold_sigma * noise)
+    moves, mask, recent = np.empty((3, *candidates.shape), np.uint8)
+    change = mark_motion(smooth, s.previous, candidates, s.known, least, MIN_COLOR_MOTION, moves)
+    wide = cv2.dilate(cv2.medianBlur(moves, 3), SQUARE)
+    if follow_rest(wide, s.known, candidates, dt, MOTION_TRAIL_S, s.static_time, mask, recent):
+        side = 2 * round(MIN_MOTION_SIDE * len(mask) / 2) + 1
+        recent = np.asarray(cv2.morphologyEx(recent, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
+    return mask, recent, change
 
 
 def without_shadow(mask: Bytes, image: Floats, background: Floats, p: BackgroundParams) -> Bytes:
@@ -204,24 +213,19 @@ def without_shadow(mask: Bytes, image: Floats, background: Floats, p: Background
     left, top, width, height = cv2.boundingRect(mask)
     if not width:
         return mask
-    edge = WINDOW_PX
-    rows = slice(max(0, top - edge), top + height + edge)
-    columns = slice(max(0, left - edge), left + width + edge)
-    ratio = (image[:, rows, columns] + np.float32(LIGHT_OFFSET)) / (
-        background[:, rows, columns] + np.float32(LIGHT_OFFSET)
-    )
-    red, green, blue = ratio
-    light = (red + green + blue) / np.float32(3)
-    tint = np.maximum(np.maximum(red, green), blue) - np.minimum(np.minimum(red, green), blue)
-    dim = (light < 1) & (light > p.shadow_min_ratio) & (tint <= np.float32(2 * p.shadow_max_tint_ratio) * light)
-    window = (WINDOW_PX, WINDOW_PX)
-    variance = cv2.blur(light * light, window) - cv2.blur(light, window) ** 2
-    even = (dim & (variance < MAX_VARIATION**2)).astype(np.uint8)
-    colorful = float(np.ptp(background[:, ::4, ::4], 0).mean()) > MIN_COLORFULNESS
-    narrow = dim & (tint <= np.float32(2 * NARROW_TINT) * light) if colorful else np.zeros_like(dim)
-    even = cv2.dilate(even, np.ones((2 * PENUMBRA_PX + 1, 2 * PENUMBRA_PX + 1), np.uint8))
+    rows = slice(max(0, top - WINDOW_PX), top + height + WINDOW_PX)
+    columns = slice(max(0, left - WINDOW_PX), left + width + WINDOW_PX)
     own = mask[rows, columns]
-    lit = own & ~(dim & (even > 0) | narrow).astype(np.uint8) & 1
+    light, marks = np.empty(own.shape, np.float32), np.empty(own.shape, np.uint8)
+    limits = p.shadow_min_ratio, 2 * p.shadow_max_tint_ratio, 2 * NARROW_TINT
+    shadow_marks(image, background, rows.start, columns.start, LIGHT_OFFSET, limits, light, marks)
+    window, mean = (WINDOW_PX, WINDOW_PX), cv2.blur(light, (WINDOW_PX, WINDOW_PX))
+    varies = cv2.subtract(cv2.blur(cv2.multiply(light, light), window), cv2.multiply(mean, mean))
+    even = np.asarray(varies < MAX_VARIATION**2).view(np.uint8) & marks
+    even = np.asarray(cv2.dilate(even, np.ones((2 * PENUMBRA_PX + 1, 2 * PENUMBRA_PX + 1), np.uint8)), np.uint8)
+    colors = background[:, ::STEP, ::STEP]
+    narrow = marks >> 1 if float((colors.max(0) - colors.min(0)).mean()) > MIN_COLORFULNESS else np.uint8(0)
+    lit = own & ~(marks & even | narrow) & 1
     side = 2 * round(COAT * len(mask) / 2) + 1
     found = np.zeros_like(mask)
     found[rows, columns] = cv2.bitwise_and(cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)), own)
@@ -232,7 +236,10 @@ def blurred(image: Floats) -> Floats:
     """Each color of `[3, h, w]`, blurred."""
     import cv2
 
-    return np.stack([np.asarray(cv2.blur(plane, (3, 3)), np.float32) for plane in image])
+    out = np.empty_like(image)
+    for plane, to in zip(image, out, strict=True):
+        cv2.blur(plane, (3, 3), to)
+    return out
 
 
 def is_other_scene(smooth: Floats, previous: Floats) -> bool:
@@ -259,14 +266,13 @@ def is_ghost(region: Bytes, around: Bytes, image: Floats, background: Floats) ->
     """
     import cv2
 
-    square = np.ones((3, 3), np.uint8)
-    edge = np.asarray(cv2.subtract(cv2.dilate(region, square), cv2.erode(region, square)))
-    edge = np.asarray(cv2.subtract(edge, cv2.dilate(around, square)))
+    edge = np.asarray(cv2.subtract(cv2.dilate(region, SQUARE), cv2.erode(region, SQUARE)))
+    edge = np.asarray(cv2.subtract(edge, cv2.dilate(around, SQUARE)))
     if not edge.any():
         return False
     strengths = []
     for picture in (image, background):
-        grey = picture.mean(0)
+        grey = picture[0] + picture[1] + picture[2]
         slopes = cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)
         strengths.append(float(cv2.magnitude(*slopes)[edge > 0].mean()))
     return strengths[0] < strengths[1]
@@ -287,8 +293,9 @@ def downscale(frame: Tensor, size: tuple[int, int]) -> Floats:
             raise InputError("frames must be finite, got NaN or infinite values")
         frame = (frame * 255).round_().clamp_(0, 255).to(torch.uint8)
     planes = frame.detach().cpu().numpy()
-    small = np.empty((3, *size), np.float32)
-    for plane, to in zip(planes, small, strict=True):
-        resized = plane if plane.shape == size else cv2.resize(plane, size[::-1], interpolation=cv2.INTER_AREA)
-        np.multiply(resized, np.float32(1 / 255), out=to)
-    return small
+    picture = planes.transpose(1, 2, 0)
+    picture = picture if picture.flags.c_contiguous else np.asarray(cv2.merge(list(planes)))
+    if picture.shape[:2] != size:
+        picture = np.asarray(cv2.resize(picture, size[::-1], interpolation=cv2.INTER_AREA))
+    scaled = np.multiply(picture.transpose(2, 0, 1), np.float32(1 / 255), order="C", dtype=np.float32)
+    return np.asarray(scaled, np.float32)

@@ -7,13 +7,15 @@ Lengths are fractions of the image height; a *size* is the mean of an object's h
 from __future__ import annotations
 
 from enum import IntEnum
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ndtorch.config import Constants, constant
-from ndtorch.foreground.background import BackgroundState, Bytes, Labels, Numbers, Segmentation, is_ghost
+from ndtorch.foreground._kernels import look_up, mark_static, sum_blobs
+from ndtorch.foreground.background import SQUARE, BackgroundState, Bytes, Labels, Numbers, Segmentation, is_ghost
 
 Bools = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
@@ -117,12 +119,12 @@ class Tracks(NamedTuple):
     @property
     def size(self) -> Numbers:
         """Mean of width and height, `[N]`."""
-        return np.asarray(self.extent.mean(1))
+        return np.asarray(self.extent[:, 0] + self.extent[:, 1]) / 2
 
     @property
     def confirmed(self) -> Bools:
         """Which tracks are objects, `[N]`."""
-        return np.asarray(self.status != Status.TENTATIVE)
+        return np.asarray(self.status > 0)
 
 
 class Blobs(NamedTuple):
@@ -146,6 +148,7 @@ class Blobs(NamedTuple):
     shared: Bools
 
 
+@cache
 def no_tracks() -> Tracks:
     """An empty table."""
     kinds = {"number": np.int64, "status": np.int64}
@@ -180,7 +183,7 @@ def update(
     tracks, number = begin(tracks, count, blobs, i, j, time)
     tracks = confirm(tracks, time, seen_for, p)
     tracks = report(tracks, blobs, number, time)
-    labels = np.take(np.concatenate([[0], number + 1]).astype(np.int32), blobs.labels)
+    labels = with_values(np.concatenate([[0], number + 1]).astype(np.int32), blobs.labels)
     missing, patience = time - tracks.seen, np.where(tracks.confirmed, p.max_lost_s, p.min_track_s)
     lost = missing > np.maximum(patience, 1.5 * dt)
     if not lost.any():
@@ -219,7 +222,8 @@ def detect(seen: Segmentation, tracks: Tracks, expected: Numbers, p: TrackingPar
     small &= owner == np.arange(count)
     owner[small] = 0
     names = np.unique(owner)
-    labels = np.searchsorted(names, owner).astype(np.int32)[labels]
+    if len(names) < count:
+        labels = with_values(np.searchsorted(names, owner).astype(np.int32), labels)
     shared = np.zeros(len(names) - (names[0] == 0), bool) if len(names) else np.zeros(0, bool)
     for r in np.flatnonzero(claimed > 1).tolist():
         ones = known[claims & (best == r)]
@@ -231,37 +235,34 @@ def detect(seen: Segmentation, tracks: Tracks, expected: Numbers, p: TrackingPar
         labels[rows, columns] = number[part]
         shared = np.concatenate([shared, np.ones(len(ones) - 1, bool)])
         shared[number[0] - 1] = True
-    return describe(labels, shared, seen)
+    return describe(np.asarray(labels, np.int32), shared, seen)
 
 
 def describe(labels: Labels, shared: Bools, seen: Segmentation) -> Blobs:
     """Measurements of labelled blobs; blobs without pixels are left out."""
-    height = labels.shape[0]
-    rows, columns = np.nonzero(labels)
-    name = labels[rows, columns]
-    order = np.argsort(name, kind="stable")
-    rows, columns, name = rows[order], columns[order], name[order]
-    present, first = np.unique(name, return_index=True)
-    if len(present) < len(shared):
-        labels = np.searchsorted(present, labels).astype(np.int32) * (labels > 0) + (labels > 0)
-        shared = shared[present - 1]
-    if not len(present):
-        none = np.zeros((0, 2))
-        return Blobs(labels, none, none, np.zeros((0, 4)), np.zeros(0), np.zeros((0, 3)), np.zeros(0), shared)
-    area = np.diff(np.append(first, len(name))).astype(np.float64)
-    low = np.stack([np.minimum.reduceat(columns, first), np.minimum.reduceat(rows, first)], 1)
-    high = np.stack([np.maximum.reduceat(columns, first), np.maximum.reduceat(rows, first)], 1) + 1
-    center = np.stack([np.add.reduceat(columns, first), np.add.reduceat(rows, first)], 1) / area[:, None]
-    for k, end in enumerate(np.append(first, len(name))[1:]):
-        if labels[round(center[k, 1]), round(center[k, 0])] != k + 1:
-            own = slice(first[k], end)
-            nearest = np.argmin((columns[own] - center[k, 0]) ** 2 + (rows[own] - center[k, 1]) ** 2)
-            center[k] = columns[own][nearest], rows[own][nearest]
-    color = np.stack([np.add.reduceat(plane[rows, columns], first) for plane in seen.image], 1) / area[:, None]
-    contrast = np.add.reduceat((seen.distance / seen.sigma)[rows, columns], first) / area
-    box = np.concatenate([low, high], 1) / height
+    height, sums = labels.shape[0], np.empty((len(shared), 11))
+    sum_blobs(labels, seen.image, seen.distance, seen.sigma, sums)
+    present = sums[:, 0] > 0
+    if not present.all():
+        labels = with_values(np.concatenate([[0], present.cumsum() * present]).astype(np.int32), labels)
+        sums, shared = sums[present], shared[present]
+    area, box = sums[:, 0], sums[:, 1:5] / height
+    means = sums[:, 5:] / area[:, None]
+    center = means[:, :2].copy()
+    for k, (x, y) in enumerate(center.tolist()):
+        if labels[round(y), round(x)] != k + 1:
+            rows, columns = np.nonzero(labels == k + 1)
+            nearest = np.argmin((columns - x) ** 2 + (rows - y) ** 2)
+            center[k] = columns[nearest], rows[nearest]
     middle = (box[:, :2] + box[:, 2:]) / 2
-    return Blobs(labels, (center + 0.5) / height, middle, box, area / height**2, color, contrast, shared)
+    return Blobs(labels, (center + 0.5) / height, middle, box, area / height**2, means[:, 2:5], means[:, 5], shared)
+
+
+def with_values(table: npt.NDArray[Any], labels: Any) -> npt.NDArray[Any]:
+    """The value of every label `[h, w]` in a table."""
+    values = np.empty(labels.shape, table.dtype)
+    look_up(table, labels, values)
+    return values
 
 
 def assign(tracks: Tracks, expected: Numbers, blobs: Blobs, time: float, p: TrackingParams) -> tuple[Whole, Whole]:
@@ -302,8 +303,8 @@ def measure(tracks: Tracks, expected: Numbers, blobs: Blobs, i: Whole, j: Whole,
     contrast[i] += (blobs.contrast[j] - contrast[i]) / (count[i] + 1)
     count[i] += 1
     size = extent.mean(1)
-    travel = np.maximum(tracks.travel, np.linalg.norm(place - tracks.start, axis=1) / size)
-    moved = np.linalg.norm(place - tracks.anchor, axis=1) > MOVED_SIZES * size
+    travel = np.maximum(tracks.travel, np.hypot(*(place - tracks.start).T) / size)
+    moved = np.hypot(*(place - tracks.anchor).T) > MOVED_SIZES * size
     status = tracks.status.copy()
     status[i] = np.where(tracks.confirmed[i], np.where(shared, Status.PREDICTED, Status.MEASURED), Status.TENTATIVE)
     return tracks._replace(
@@ -364,7 +365,7 @@ def begin(tracks: Tracks, count: int, blobs: Blobs, i: Whole, j: Whole, time: fl
 
 def confirm(tracks: Tracks, time: float, seen_for: float, p: TrackingParams) -> Tracks:
     """A tentative track is confirmed by age, travel and contrast; an object that does not move on is stationary."""
-    net = np.linalg.norm(tracks.place - tracks.start, axis=1)
+    net = np.hypot(*(tracks.place - tracks.start).T)
     enough = np.maximum(p.min_travel_sizes * tracks.size, MIN_TRAVEL) if p.min_travel_sizes else 0.0
     proven = (net >= enough) & (tracks.contrast >= p.min_contrast_sigma) & (time - tracks.began >= p.min_track_s)
     new = proven & (tracks.seen == time) & ~tracks.confirmed & (seen_for >= STARTING_S)
@@ -392,14 +393,14 @@ def kept_from_background(tracks: Tracks, labels: Labels, time: float, p: Trackin
     import cv2
 
     keep = np.where(tracks.confirmed, time - tracks.anchored < p.stationary_max_s, time - tracks.began < TENTATIVE_S)
-    return np.asarray(cv2.dilate(marked(tracks.number[keep], labels), np.ones((3, 3), np.uint8)), np.uint8)
+    return np.asarray(cv2.dilate(with_values(flags(tracks, keep), labels), SQUARE), np.uint8)
 
 
-def marked(number: Whole, labels: Labels) -> Bytes:
-    """1 where the pixels of tracks are, `[h, w]`."""
-    table = np.zeros(int(labels.max()) + 2, np.uint8)
-    table[(number + 1)[number + 1 < len(table)]] = 1
-    return np.asarray(np.take(table, labels))
+def flags(tracks: Tracks, which: Bools) -> Bytes:
+    """1 for the labels of some of the tracks, 0 for others, up to the largest."""
+    table = np.zeros(int(tracks.number.max(initial=-1)) + 2, np.uint8)
+    table[tracks.number[which] + 1] = 1
+    return table
 
 
 def replace_ghosts(
@@ -411,9 +412,9 @@ def replace_ghosts(
     """
     import cv2
 
-    moving = marked(tracks.number[(tracks.status == Status.MEASURED) | (tracks.status == Status.PREDICTED)], labels)
-    static = seen.mask & (s.static_time >= after).astype(np.uint8) & ~moving & 1 & (s.known > 0).astype(np.uint8)
-    if int(cv2.countNonZero(static)) < p.min_area_ratio * static.size:
+    moving = flags(tracks, (tracks.status == Status.MEASURED) | (tracks.status == Status.PREDICTED))
+    static = np.empty_like(seen.mask)
+    if mark_static(seen.mask, s.static_time, s.known, labels, moving, after, static) < p.min_area_ratio * static.size:
         return
     count, parts, stats, _ = cv2.connectedComponentsWithStats(static)
     for r in range(1, count):
@@ -424,7 +425,7 @@ def replace_ghosts(
         region = (parts[rows, columns] == r).astype(np.uint8)
         window = seen.image[:, rows, columns], s.mean[:, rows, columns]
         if is_ghost(region, seen.mask[rows, columns] & ~region & 1, *window):
-            wide = cv2.dilate(region, np.ones((3, 3), np.uint8)) > 0
+            wide = cv2.dilate(region, SQUARE) > 0
             for new, old in zip(*window, strict=True):
                 old[wide] = new[wide]
 

@@ -41,12 +41,13 @@ from ndtorch.foreground.tracker import (
     TrackingParams,
     Tracks,
     confidence,
+    flags,
     joined,
     kept_from_background,
-    marked,
     no_tracks,
     replace_ghosts,
     update,
+    with_values,
 )
 from ndtorch.vision.features import FEATURES, GROUPS
 from ndtorch.vision.frames import check_frames
@@ -222,7 +223,7 @@ class ForegroundModel(BindingModel):
             closed.append(ended)
             measured.append(step)
             labels.append(label)
-            masks.append(marked(scene.tracks.number[scene.tracks.confirmed], label))
+            masks.append(with_values(flags(scene.tracks, scene.tracks.confirmed), label))
             times.append(time)
             cuts.append(cut)
             reported.append(scene.tracks)
@@ -277,7 +278,7 @@ class ForegroundModel(BindingModel):
             return self._begin(image, int(scene.count)), ended, None, np.zeros(self.small, np.int32), True
         seen_for = float(background.frames) * self.dt
         tracks, ended, labels = update(scene.tracks, int(scene.count), seen, time, seen_for, self.dt, c.tracking)
-        count = max(int(scene.count), int(labels.max()), *(tracks.number[-1:] + 1))
+        count = int(tracks.number.max(initial=int(scene.count) - 1)) + 1
         measured = self.features.measure(seen.image, background.mean, labels, scene.features)
         kept = kept_from_background(tracks, labels, time, c.tracking)
         learn(seen, kept, background, self.dt, c.background)
