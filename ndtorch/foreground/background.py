@@ -247,9 +247,8 @@ def is_other_scene(smooth: Floats, previous: Floats) -> bool:
     import cv2
 
     size = (max(2, smooth.shape[2] // BLOCK_PX), max(2, smooth.shape[1] // BLOCK_PX))
-    one, other = (
-        np.asarray(cv2.resize(planes.mean(0), size, interpolation=cv2.INTER_AREA)) for planes in (smooth, previous)
-    )
+    greys = [(planes[0] + planes[1] + planes[2]) / np.float32(3) for planes in (smooth, previous)]
+    one, other = (np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA)) for grey in greys)
     if (np.abs(one - other) > CUT_CHANGE).mean() < CUT_BLOCKS:
         return False
     one, other = one - one.mean(), other - other.mean()
