@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -94,9 +95,9 @@ def test_map_of_a_minute() -> None:
 def test_run_with_the_simulated_link(tmp_path: Path) -> None:
     """The real loop, the protocol and the firmware's code drive a simulated car for eight seconds without a hit."""
     file = Path(__file__).parents[1] / "robot/configs/sim.toml"
-    command = [sys.executable, "-m", "ndtorch", "run", str(file), "--go", "--seconds", "8"]
+    command = [sys.executable, "-m", "ndtorch", "run", str(file), "--go", "--seconds", "8", "--json"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=180, check=False)
     assert done.returncode == 0, done.stderr
-    report = dict(line.split(": ", 1) for line in (done.stdout + done.stderr).splitlines() if ": " in line)
-    assert int(report["collisions"]) == 0
-    assert float(report["distance_m"]) > 1.0
+    report = json.loads(done.stdout)
+    assert report["collisions"] == 0
+    assert report["distance_m"] > 1.0

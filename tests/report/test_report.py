@@ -118,7 +118,7 @@ def test_a_trace_keeps_evenly_spaced_samples_in_bounded_memory() -> None:
 
 
 def boxed(number: int, box: tuple[float, float, float, float]) -> BoundObject:
-    return BoundObject("red", 7, {}, place=(0, 0), track=number, number=number, boxes=(box,))
+    return BoundObject("red", 7, {"red": 1.0}, place=(0, 0), track=number, number=number, boxes=(box,))
 
 
 def test_the_gallery_has_the_largest_view_and_the_fullest_picture(tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_the_gallery_has_the_largest_view_and_the_fullest_picture(tmp_path: Path
 
 def test_marks_are_in_the_color_of_the_object() -> None:
     frame = np.full((120, 160, 3), 90, np.uint8)
-    image = marked(frame, (boxed(1, (20, 30, 60, 80)), BoundObject("blue", 9, {}, place=(120, 60))))
+    image = marked(frame, (boxed(1, (20, 30, 60, 80)), BoundObject("blue", 9, {"blue": 1.0}, place=(120, 60))))
     for part, color in ((image[30:80, 18:23], "red"), (image, "blue")):
         assert (abs(part.astype(int) - rgb(color)) < 60).all(-1).any()
     assert (frame == 90).all()

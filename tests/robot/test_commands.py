@@ -60,7 +60,7 @@ def test_a_map_is_made_and_known_again(tmp_path, capsys):
     assert np.load(made)["walls"].shape[1] == 8
     assert (tmp_path / "first" / "pose.png").exists()
     assert main([*shared, "--known-map", str(made), "--out", str(tmp_path / "second")]) == 0
-    assert "not found in the known map" in capsys.readouterr().out
+    assert "error of the pose at the end" in capsys.readouterr().out
     assert main([*shared, "--known-map", str(tmp_path)]) == 2
     assert "map" in capsys.readouterr().err
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_tensor
 from ndtorch.binding.normalise import group_max, over_groups
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.errors import InputError
@@ -43,6 +44,7 @@ def object_table(
     >>> object_table(weights).owners.nonzero().tolist()
     [[7]]
     """
+    check_tensor("weights", weights)
     kept = simplified(weights, smallest_weight)
     owners = kept.sum(-2) > smallest_column
     own = torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device)

@@ -194,6 +194,7 @@ class StereoRanging(nn.Module):
             pair = np.empty((2, rect.bottom - rect.top, low.shape[1]), np.float32)
             found = np.empty((3, self.search.count), np.float32)
             peak = np.nan if not grey_fields(rows, 1, pair) else max(pair.max(), -pair.min())
+            check_peak(peak)  # the search indexes by what it reads
             low[:] = pair[:, pair.shape[1] // 2]
             find_places(pair, self.searched, found)
             out, valid = np.stack((found[1],) * 5), found[0] > 0

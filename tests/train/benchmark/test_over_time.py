@@ -96,7 +96,7 @@ def test_reliability_is_that_of_the_bins() -> None:
 def test_the_table_has_a_row_for_each_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(over_time, "kept_sums", lambda film, path: mixture())
     made = over_time_benchmark(["scale-free", "published", "color rank"], ["two_bars, any phase"], 1, "tune")
-    rows, text, folder, failed = made.run(tmp_path / "out", 1, False, False, print)
+    rows, text, folder, failed = made.run(tmp_path / "out", 1, False, print)
     assert not failed
     assert [row["method"] for row in rows] == ["scale-free", "published", "color rank"]
     assert rows[2]["count"] == 1.0
