@@ -77,7 +77,7 @@ def test_a_config_is_read_back_as_it_was_written(tmp_path: Path, kind: type[Mode
 )
 def test_a_config_asks_for_no_more_memory_than_is_allowed(name: str, options: dict[str, object]) -> None:
     """A file may claim anything; what would end in the allocator is refused by name."""
-    with pytest.raises(InputError, match="at most|less than or equal") as caught:
+    with pytest.raises(InputError, match=r"at most|less than or equal") as caught:
         ndtorch.load(name, **options)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
 
@@ -186,8 +186,8 @@ def test_options_take_the_place_of_the_folders(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_saved_loads_back_equal(tmp_path: Path, name: str) -> None:
-    options: dict[str, Any] = {"retinotopic": {"most": 3}, "foreground": {"learn": False}}.get(name, {"gamma": 0.7})
-    model = ndtorch.load(name, size=(32, 48), fps=25.0, **options)
+    options: dict[str, object] = {"retinotopic": {"most": 3}, "foreground": {"learn": False}}.get(name, {"gamma": 0.7})
+    model = ndtorch.load(name, size=(32, 48), fps=25.0, **options)  # type: ignore[arg-type]
     model.save(tmp_path / "mine")
     again = ndtorch.load(tmp_path / "mine")
     assert type(again) is type(model)

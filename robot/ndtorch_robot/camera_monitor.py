@@ -22,6 +22,8 @@ SIDES = ("left", "right")
 MOVING_M_PER_S = 0.05
 """Speed from which the image of the floor must change."""
 
+MOVED_FRAMES = 2
+"""Number of equal images while the car moves that a frozen camera gives at least."""
 FROZEN_S = 0.13
 """Seconds of dark or equal images after which the car stops: 4 frames at 30 Hz."""
 
@@ -79,7 +81,7 @@ class CameraMonitor:
     def reset(self) -> None:
         """Forget earlier images: a person resumes the car, and may have corrected the cameras."""
         self.last: list[Tensor | None] = [None, None]
-        self.dark, self.equal, self.blank = [0, 0], [0, 0], [0, 0]
+        self.dark, self.equal, self.moved, self.blank = [0, 0], [0, 0], [0, 0], [0, 0]
         self.unequal = self.late = 0
 
     def judge(self, frames: StereoFrames, speed: float, now: float) -> Fault | None:
@@ -130,10 +132,11 @@ class CameraMonitor:
             equal = same[k] and not (self.rendered and all(same))
             if equal:  # a wall of one color that fills the subfield looks the same from everywhere
                 equal = bool((field.amax((-2, -1)) > field.amin((-2, -1))).any())
-            self.equal[k] = self.equal[k] + moving if equal else 0
+            # A car may stand between two directions: all equal images count, but some must come while it moves.
+            self.equal[k], self.moved[k] = (self.equal[k] + 1, self.moved[k] + moving) if equal else (0, 0)
             if self.dark[k] >= self.frozen_frames:
                 return Fault(FaultKind.BLACK, f"the {SIDES[k]} camera has been black for {self.dark[k]} frames")
-            if self.equal[k] >= self.frozen_frames:
+            if self.equal[k] >= self.frozen_frames and self.moved[k] >= MOVED_FRAMES:
                 words = f"the {SIDES[k]} camera has given the same image for {self.equal[k]} frames"
                 return Fault(FaultKind.FROZEN, words)
         return None

