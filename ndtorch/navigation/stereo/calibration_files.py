@@ -144,10 +144,14 @@ def load_calibration(
 
 def of_lines(text: str, cameras: tuple[int, int], unit: float) -> StereoCalibration | None:
     """The pair in lines of a name and numbers, as of KITTI; None for other files."""
-    rows = [line.rpartition(":")[2].split() for line in text.splitlines() if line.startswith("P")]
-    if len(rows) <= max(cameras) or any(len(row) != 12 for row in rows):
+    named = [line.rpartition(":") for line in text.splitlines()]
+    rows = [numbers.split() for name, _, numbers in named if name[:1] in ("P", "") and len(numbers.split()) == 12]
+    if len(rows) <= max(cameras):
         return None
-    first, second = (rectified_camera(np.array(rows[n], np.float64).reshape(3, 4), unit) for n in cameras)
+    try:
+        first, second = (rectified_camera(np.array(rows[n], np.float64).reshape(3, 4), unit) for n in cameras)
+    except ValueError:
+        return None
     return StereoCalibration(first, second, None)
 
 
