@@ -34,12 +34,13 @@ MATCHING = SearchParams(
     count=64,
     rows=1,
     half_width_px=6,
+    mean_half_width_px=0,
     uniqueness_ratio=0.7,
     min_step_ratio=0.001,
     agreement_ratio=0.4,
     spacing_px=0,
 )
-"""How shrunk rows are searched, apart from the disparities."""
+"""Search of shrunk rows; disparities follow from the rig. Means stay: equal steps of other brightness do not match."""
 
 FLOOR_NEAR_M, FLOOR_FAR_M, FLOOR_HALF_WIDTH_M = 0.8, 1.15, 0.15
 """The floor ahead is compared from and up to these depths, and so far to either side of the car's middle."""

@@ -113,3 +113,13 @@ def test_what_would_hide_the_floor_that_is_seen_is_not_there(depth, y):
 
 def ranged(depth, y, count=1):
     return Obstacles(np.full(count, RIG.forward + depth, np.float32), y + 0.2 * np.arange(count, dtype=np.float32))
+
+
+@pytest.mark.parametrize("disparity", [140, 220, 400])
+def test_equal_steps_of_other_brightness_are_two_things(disparity):
+    columns = np.arange(RIG.width)
+    noise = np.random.default_rng(0).uniform(-0.01, 0.01, RIG.width)
+    row = 0.2 + 0.2 * (columns >= 460) + noise
+    same, brighter = np.roll(row, -disparity), np.roll(row, -disparity) + 0.4
+    assert len(CHECK.detect(np.stack((row, same)).astype(np.float32)).x) > 0
+    assert len(CHECK.detect(np.stack((row, brighter)).astype(np.float32)).x) == 0
