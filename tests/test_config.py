@@ -29,9 +29,7 @@ from ndtorch.utils.files import save_tensors
 from ndtorch.utils.tensors import leaves
 from ndtorch.utils.toml import toml_values
 from ndtorch.vision import GROUPS
-from ndtorch_robot.cameras.source import CameraSettings
-from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.run_config import RunConfig
+from ndtorch_robot.run_config import NavigationTable, RunConfig
 
 CONFIGS = [kind.config_type for kind in KINDS.values()]
 
@@ -112,9 +110,10 @@ UNFINISHED = re.compile(r"^(and|their|its|the same|or|which|if|where)\b|,$", re.
 
 def described() -> Iterator[tuple[str, str]]:
     """Name and description of every key of a file and every option of a command."""
-    for table in (*CONFIGS, RunConfig, CameraSettings, DriveConfig):
+    for table in (*CONFIGS, RunConfig):
         for part in tables(table):
             yield from ((f"{part.__name__}.{name}", f.description or "") for name, f in part.model_fields.items())
+    yield from documented(NavigationTable)
     for point in entry_points(group=GROUP):
         if point.value.startswith("ndtorch"):
             try:

@@ -28,6 +28,7 @@ METAVARS = {
 """How options of these names are shown in the help; others by their type."""
 
 REWORDED = (
+    (r"^Error parsing [A-Z]\w*: (.*)$", r"\1"),
     (r"^Error parsing (\S+): no type matching FLOAT could .* from \[(.*)\]$", r"\1 takes a number, got \2"),
     (r"^Error parsing (\S+): no type matching INT could .* from \[(.*)\]$", r"\1 takes a whole number, got \2"),
     (r"^Error parsing (\S+): Could not find valid parse for arguments: \[(.*)\]$", r"\1 does not take \2"),
@@ -59,7 +60,7 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
     import tyro
 
     def default_text(default: str) -> str:
-        return "" if default in ("None", "False", "") or "(default" in default else f"(default: {default})"
+        return "" if default in ("None", "False", "", "''") or "(default" in default else f"(default: {default})"
 
     hints = get_type_hints(kind, include_extras=True)
     for field in dataclasses.fields(kind):
@@ -70,6 +71,9 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
     try:
         with contextlib.redirect_stderr(said):
             command = tyro.cli(kind, prog=prog, description=f"{about}\n\n{EVERY}", args=arguments, config=config)
+            if hasattr(command, "from_files"):  # what files say stands below what is said here
+                pairs = (tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone)
+                command = tyro.cli(kind, prog=prog, args=arguments, config=pairs, default=command.from_files())
             check_ranges(command)
             return command
     except SystemExit as end:

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import dataclasses
-import hashlib
-import io
 import json
 import math
 from collections.abc import Sequence
@@ -13,21 +9,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
+import pandas as pd
 
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers import controller_class
-from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.utils.files import TABLE_BYTES, read_text
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
-from ndtorch_robot.config import RATE
+from ndtorch_robot.config import RobotOptions
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
-from ndtorch_robot.run_config import RobotTable
-from ndtorch_robot.safety import SafeDrive, SafetyLimits
+from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.plan import Plan, Point, cylinder, ring
-from ndtorch_robot.sim.simulation import BODY, RIG, Simulation
+from ndtorch_robot.sim.simulation import Simulation
 
 AROUND = 1.2
 """Metres between the cylinders or the goal and the walls of the hall around them."""
@@ -37,9 +31,6 @@ TEST_EVERY = 5
 
 OPTIMAL_SPEED = 2.0
 """m/s with which the shortest path becomes the optimal time of the score."""
-
-LIMITS = SafetyLimits(1.0, 2.2, step_s=0.1, frame_age_s=0.1)
-"""Those of a car; the simulated one has limits of its own for how fast speed and steering may change."""
 
 
 @dataclass(frozen=True)
@@ -131,16 +122,6 @@ class Attempt(NamedTuple):
     step_ms: float
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A world and who drives it."""
-
-    world: BarnWorld
-    options: NavigatorOptions
-    seed: int = 0
-    robot: RobotTable | None = None
-
-
 class Referee:
     """An observer that ends the drive at the goal, at a collision and when the time is over."""
 
@@ -158,20 +139,17 @@ class Referee:
             self.car.ended.set()
 
 
-def attempt(entry: Entry) -> Attempt:
+def attempt(world: BarnWorld, options: RobotOptions) -> Attempt:
     """Drive through a world once, by the loop and the safety layer of every other drive.
 
     The car knows the goal and its start; of the cylinders it knows what it sees.
     """
-    world, options, robot = entry.world, entry.options, entry.robot
     if controller_class(options.controller).has_goals:
         options = replace(options, goal=f"{world.goal[0]},{world.goal[1]}")
-    rig, body, rate, limits = RIG, BODY, RATE, LIMITS
-    if robot is not None:
-        rig, body, rate = robot.stereo_rig(), robot.body.body(), robot.rate_hz
-        limits = robot.simulated_limits(body.max_speed_m_per_s)
+    rig, body, rate = options.stereo_rig, options.body, options.rate
+    limits = replace(options.limits, speed_m_per_s=body.max_speed_m_per_s)
     runner = NavigatorRunner(options, rig, rate, body=body)
-    simulation = Simulation(world.plan(), entry.seed, rig=rig, fields=runner.fields, rate=rate, body=body)
+    simulation = Simulation(world.plan(), options.seed, rig=rig, fields=runner.fields, rate=rate, body=body)
     monitor = CameraMonitor(rig, rate, limits.frame_age_s, rendered=True)
     car = Car(runner, simulation, SafeDrive(simulation, simulation, limits, monitor))
     referee = Referee(world, simulation, car)
@@ -185,28 +163,11 @@ def attempt(entry: Entry) -> Attempt:
     return Attempt(world.number, *outcome, round(step, 2))
 
 
-def attempt_name(entry: Entry, code: str) -> str:
-    """Name of an attempt, for `ResultCache`."""
-    robot = None if entry.robot is None else entry.robot.model_dump()
-    text = json.dumps([dataclasses.asdict(replace(entry, robot=None)), robot, code], sort_keys=True)
-    return f"{entry.world.number:04d}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
-
-
-def comma_separated(made: Sequence[Attempt]) -> str:
-    """Rows of `barn.csv`."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("world", "success", "collided", "time_s", "score"))
-    writer.writerows([a.world, int(a.success), int(a.collided), f"{a.time_s:.2f}", f"{a.score:.4f}"] for a in made)
-    return text.getvalue()
-
-
 def totals(made: Sequence[Attempt]) -> dict[str, float]:
     """Ratios and means over all attempts; times over those that reached the goal."""
-    names = {"success": "success", "collisions": "collided", "score": "score"}
-    means = {key: float(np.mean([getattr(a, name) for a in made])) if made else 0.0 for key, name in names.items()}
-    times = [a.time_s for a in made if a.success]
-    return {"worlds": len(made), **means, "median_time_s": float(np.median(times)) if times else math.nan}
+    worlds = pd.DataFrame(made, columns=Attempt._fields)
+    means = worlds[["success", "collided", "score"]].mean().fillna(0.0).to_dict()
+    return {"worlds": len(made), **means, "median_time_s": float(worlds.time_s[worlds.success.eq(True)].median())}
 
 
 def table(made: Sequence[Attempt], note: str) -> str:
@@ -215,7 +176,7 @@ def table(made: Sequence[Attempt], note: str) -> str:
     lines = [
         "| worlds | success | collisions | score | median time to the goal |",
         "|---:|---:|---:|---:|---:|",
-        f"| {len(made)} | {t['success']:.2f} | {t['collisions']:.2f} | {t['score']:.3f} | {t['median_time_s']:.1f} s |",
+        f"| {len(made)} | {t['success']:.2f} | {t['collided']:.2f} | {t['score']:.3f} | {t['median_time_s']:.1f} s |",
         "",
     ]
     for words, some in (

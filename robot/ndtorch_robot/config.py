@@ -1,104 +1,146 @@
-"""What can be chosen for a drive, from a TOML file and from the command line."""
+"""What can be chosen for a simulated drive: one dataclass for Python, TOML files and command lines, without torch."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
-from pydantic import Field, field_validator
+from ndtorch.errors import InputError
+from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions
 
-from ndtorch.navigation import Body, StereoRig
-from ndtorch.navigation.options import OPTION_NAMES
-from ndtorch.utils.toml import check, toml_values
-from ndtorch_robot.run_config import NavigatorTable, RobotTable, read_run_config
-from ndtorch_robot.safety import SafetyLimits
-from ndtorch_robot.sim.disturbances import read_disturbances
+if TYPE_CHECKING:
+    from ndtorch.navigation import Body, StereoRig
+    from ndtorch_robot.run_config import RunConfig
+    from ndtorch_robot.safety import SafetyLimits
+    from ndtorch_robot.sim.disturbances import Disturbances
 
 RATE = 30.0
 """Frames a second of a simulated drive."""
 
-LIMITS = SafetyLimits(0.6, 2.2, step_s=0.1, frame_age_s=0.1)
-"""Of the car of [A]."""
 
+@dataclass(frozen=True)
+class RobotOptions(NavigatorOptions):
+    """The options of a navigator and of the simulated robot that it drives.
 
-class DriveConfig(NavigatorTable):
-    """The file of a simulated drive: these keys beside the options of `NavigatorOptions`."""
+    Raises:
+        InputError: a value that cannot be used.
+    """
 
-    robot: RobotTable | None = None
-    """Robot that drives, the file of one for `ndtorch run`; the car of [A] by default."""
-    arena: str = "hallway"
-    """Arena to drive in, a name or a .toml file."""
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    """Number from which building, textures and start follow."""
-    seconds: Annotated[float, Field(gt=0, le=86400)] = 60.0
-    """Simulated time of the drive, in s."""
-    odometry: Literal["true", "noisy"] = "true"
-    """Dead reckoning: exact (true), or with drift (noisy)."""
-    walls: Literal["textured", "blank"] = "textured"
-    """Walls: textured or blank."""
-    pedestrian: bool = False
-    """A box of the size of a person walks to and fro."""
-    disturbance: str = ""
-    """Disturbances of cameras and car, names or key=number."""
-    full_frames: bool = False
-    """Full frames are rendered instead of the strips that are read."""
-    rrd: Path | None = None
-    """File for the rerun viewer."""
-    view: bool = False
-    """The rerun viewer shows the drive as it goes."""
-    view_at: str | None = None
-    """Address at which the drive is served to viewers, ADDRESS or ADDRESS:PORT."""
-    out: Path = Path("out/drive")
-    """Folder for the results."""
-    record: Path | None = None
-    """New file for a recording, NAME.mcap."""
+    robot: Path | None = None
+    """Configuration of a robot, a file or one of robot/configs by name (default: the car of [A])."""
+    seed: int = 0
+    """Seed of building, textures and start."""
 
-    @field_validator("disturbance")
-    @classmethod
-    def known_disturbance(cls, text: str) -> str:
-        read_disturbances(text)
-        return text
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.seed < 2**31:
+            raise InputError(f"seed must be 0 to 2147483647, got {self.seed}")
+
+    def from_files(self) -> Self:
+        """These options below those of the files that they name: of `config`, where there is one, and of `robot`."""
+        from ndtorch.utils.toml import check, toml_values
+
+        file = getattr(self, "config", None)
+        values = {} if file is None else toml_values(file)
+        robot = self.robot or values.get("robot")
+        values = navigation_options(Path(robot)) | values if isinstance(robot, str | Path) else values
+        checked = check(values, DriveConfig, str(file or robot))
+        return replace(self, **{name: getattr(checked, name) for name in values})
+
+    @cached_property
+    def robot_config(self) -> RunConfig | None:
+        """The file of the robot; None for the car of [A]."""
+        from ndtorch_robot.run_config import read_run_config
+
+        return None if self.robot is None else read_run_config(self.robot)
 
     @property
     def rate(self) -> float:
-        own = RATE if self.robot is None else self.robot.rate_hz
-        return read_disturbances(self.disturbance).fps or own
+        """Frames a second."""
+        return RATE if self.robot_config is None else self.robot_config.rate_hz
 
     @property
     def body(self) -> Body:
-        return Body() if self.robot is None else self.robot.body.body()
+        """The body of the robot."""
+        from ndtorch_robot.sim.simulation import BODY
+
+        return BODY if self.robot_config is None else self.robot_config.body
 
     @property
-    def rig(self) -> StereoRig:
-        return StereoRig(forward=0.15) if self.robot is None else self.robot.stereo_rig()
+    def stereo_rig(self) -> StereoRig:
+        """The cameras of the robot."""
+        from ndtorch_robot.sim.simulation import RIG
+
+        return RIG if self.robot_config is None else self.robot_config.stereo_rig
 
     @property
     def limits(self) -> SafetyLimits:
-        """Of the safety layer."""
-        return LIMITS if self.robot is None else self.robot.simulated_limits()
+        """Limits of the safety layer."""
+        from ndtorch_robot.safety import SafetyLimits
+
+        if self.robot_config is not None:
+            return self.robot_config.simulated_limits
+        return SafetyLimits(0.6, 2.2, step_s=0.1, frame_age_s=0.1)
 
 
-def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:
-    """The file's values, overridden by those choices that are not None."""
-    values: dict[str, object] = {}
-    if file is not None:
-        values = toml_values(file)
-        check(with_robot(values), DriveConfig, str(file))
-    values |= {key: value for key, value in choices.items() if value is not None}
-    return check(with_robot(values), DriveConfig, "drive")
+@dataclass(frozen=True)
+class DriveConfig(RobotOptions):
+    """A simulated drive: these options beside those of robot and navigator.
+
+    Raises:
+        InputError: a value that cannot be used.
+    """
+
+    arena: str = "hallway"
+    """Arena, a name (see `ndtorch arenas`) or a .toml file."""
+    seconds: float = 60.0
+    """Simulated time, s."""
+    odometry: Literal["true", "noisy"] = "true"
+    """Dead reckoning: exact (true), or 1 % too long with a drift of 0.05 degrees a second (noisy)."""
+    walls: Literal["textured", "blank"] = "textured"
+    """Walls: with panels, doors and papers (textured), or without texture (blank)."""
+    pedestrian: bool = False
+    """Add a person who walks to and fro."""
+    disturbance: str = ""
+    """Disturbances of cameras and car: names (noise, flicker, pitch-up, ...) or KEY=NUMBER, with commas."""
+    out: Path = Path("out/drive")
+    """Folder of the results, or the next free one: out/drive-2."""
+    record: Path | None = None
+    """New file of a recording, NAME.mcap, for `ndtorch replay`, Foxglove and ROS 2."""
+    rrd: Path | None = None
+    """File for the rerun viewer, with full frames."""
+    view: str = ""
+    """Running rerun viewer to which full frames are sent as it drives, ADDRESS or ADDRESS:PORT."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.seconds <= 86400:
+            raise InputError(f"seconds must be above 0 and at most 86400, got {self.seconds}")
+        _ = self.disturbance_values
+
+    @cached_property
+    def disturbance_values(self) -> Disturbances:
+        """What `disturbance` says."""
+        from ndtorch_robot.sim.disturbances import read_disturbances
+
+        return read_disturbances(self.disturbance)
+
+    @property
+    def rate(self) -> float:
+        """Frames a second."""
+        return self.disturbance_values.fps or super().rate
+
+    def single(self, **changes: Any) -> DriveConfig:
+        """The options of one drive among those of a command, with changes."""
+        return DriveConfig(**{field.name: getattr(self, field.name) for field in fields(DriveConfig)} | changes)
 
 
-def with_robot(values: dict[str, object]) -> dict[str, object]:
-    """The same values with the robot of the file that they name, and what that file says of navigation below them."""
-    file = values.get("robot")
-    if not isinstance(file, str | Path):
-        return values
-    robot, options = read_robot(Path(file))
-    return {**options, **values, "robot": robot.model_dump()}
+def navigation_options(robot: Path) -> dict[str, Any]:
+    """The options of the navigator that the file of a robot sets."""
+    from ndtorch.utils.packages import toml_file
+    from ndtorch.utils.toml import toml_values
 
-
-def read_robot(file: Path) -> tuple[RobotTable, dict[str, object]]:
-    """The robot of a file, or of one in `robot/configs`, and the options of the navigator that the file sets."""
-    config = read_run_config(file)
-    options = config.navigation.model_dump(include=set(OPTION_NAMES), exclude_unset=True)
-    return RobotTable(**config.model_dump(include=set(RobotTable.model_fields))), options
+    options = toml_values(toml_file(robot, "ndtorch_robot", "configs")).get("navigation", {})
+    return {name: value for name, value in options.items() if name in OPTION_NAMES}

@@ -14,8 +14,7 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import STOPPED, Grid
-from ndtorch.navigation.controllers import Trace
+from ndtorch.navigation import STOPPED
 from ndtorch.navigation.options import place_of
 from ndtorch.navigation.stereo.features import MatchParams
 from ndtorch_robot.camera_monitor import CameraMonitor
@@ -29,13 +28,15 @@ from ndtorch_robot.ports import DriveCommand, Observer, Step, print_note
 from ndtorch_robot.recording import Recorder
 from ndtorch_robot.safety import DriveState, SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.sim.simulation import Simulation
 
 DRAWN, BLANK = 2.0, 60.0
 """Walls that are drawn blank have no marks: a car that turns away from one may see nothing for a second, and where all
 walls are blank until it has found a way out."""
+
+FACTS = ("arena", "seed", "controller", "walls", "odometry", "disturbance")
+"""Options that the summary repeats."""
 
 STOP_TIME = 2.0
 """Seconds after which a car that has stopped for good respawns."""
@@ -48,10 +49,9 @@ class Result:
     Attributes:
         summary: what `summary.json` holds.
         record: frame by frame.
-        plan, cells, grid: the building, the map that was made of it, and where the map's cells are.
+        plan, cells: the building, and the map that was made of it.
         stops: times at which the controller stopped for good.
         interrupted: by Ctrl-C.
-        trace: how to draw what the controller weighed.
         ndt_cells: NDT cells of the localiser for a map file; None without a localiser.
         walked: where the car was as far as it knew, every few centimetres, `[T, 2]`.
     """
@@ -61,11 +61,9 @@ class Result:
     record: Record
     plan: Plan
     cells: torch.Tensor
-    grid: Grid
     simulation: Simulation
     stops: list[float]
     interrupted: bool
-    trace: Trace
     ndt_cells: npt.NDArray[np.float32] | None
     walked: npt.NDArray[np.float64]
 
@@ -74,33 +72,30 @@ def drive(
     config: DriveConfig,
     observers: Iterable[Observer] = (),
     steer: Callable[[DriveCommand], DriveCommand] | None = None,
-    runner: NavigatorRunner | None = None,
 ) -> Result:
     """Drive through a simulated building; `observers` are told every step, `steer` changes what the controller wants.
 
     Cameras that fail end it with `InputError`, after the car was stopped.
     """
-    plan = load_arena(config.arena, config.seed)
+    plan, rig, rate = load_arena(config.arena, config.seed), config.stereo_rig, config.rate
     check_goal(config, plan)
-    if runner is None:
-        runner = NavigatorRunner(config.options(), config.rig, config.rate, plan.grid(), body=config.body)
-    disturbances, rate = read_disturbances(config.disturbance), config.rate
-    viewed = config.view or config.view_at is not None or config.rrd is not None
+    runner = NavigatorRunner(config, rig, rate, plan.grid(), body=config.body)
+    viewed = bool(config.view) or config.rrd is not None
     simulation = Simulation(
         plan,
         config.seed,
         walls=config.walls,
         pedestrian=config.pedestrian,
         odometry=config.odometry,
-        full_frames=config.full_frames or viewed,
+        full_frames=viewed,
         fields=runner.fields,
-        disturbances=disturbances,
+        disturbances=config.disturbance_values,
         rate=rate,
-        rig=config.rig,
+        rig=rig,
         body=config.body,
     )
     camera_limits = BLANK if config.walls == "blank" else DRAWN
-    monitor = CameraMonitor(simulation.rig, rate, config.limits.frame_age_s, camera_limits, rendered=True)
+    monitor = CameraMonitor(rig, rate, config.limits.frame_age_s, camera_limits, rendered=True)
     safe = SafeDrive(simulation, simulation, config.limits, monitor)
     car = Car(runner, simulation, safe, steer=steer, max_steps=max(1, round(config.seconds * rate)))
     record, path = Record(runner, lambda: simulation.pose), WalkedPath()
@@ -116,16 +111,16 @@ def drive(
             from ndtorch_robot.view import View, open_stream
 
             name = f"{config.arena} seed {config.seed} {config.controller}"
-            stream = open_stream(name, config.rrd, config.view, config.view_at, plan)
+            stream = open_stream(name, config.rrd, config.view, plan)
             view = View(stream, runner, print_note, wait=True, plan=plan, truth=lambda: simulation.pose)
             stack.callback(view.close)
             car.observers.append(view)
-        car.observers += [respawn, AutoResume(safe, respawn, end=disturbances.none), *observers]
+        car.observers += [respawn, AutoResume(safe, respawn, end=config.disturbance_values.none), *observers]
         runner.warm_up()  # before the time is taken
         began = time.perf_counter()
         try:
             # Where frames are lost, fewer steps fill the time.
-            car.run(config.seconds - 0.5 / rate if disturbances.lost_ratio else None, warm_up=False)
+            car.run(config.seconds - 0.5 / rate if config.disturbance_values.lost_ratio else None, warm_up=False)
         except KeyboardInterrupt:
             interrupted = True
         if recorder is not None:
@@ -135,9 +130,8 @@ def drive(
         "wall_seconds": round(time.perf_counter() - began, 3),
         "recording": recorder.summary() if recorder is not None else None,
     }
-    trace, ndt_cells = runner.navigator.controller.trace, runner_ndt_cells(runner)
-    about = plan, cells, plan.grid(), simulation, respawn.stops, interrupted
-    return Result(config, summary, record, *about, trace, ndt_cells, path.places())
+    about = plan, cells, simulation, respawn.stops, interrupted
+    return Result(config, summary, record, *about, runner_ndt_cells(runner), path.places())
 
 
 def check_goal(config: DriveConfig, plan: Plan) -> None:
@@ -158,8 +152,8 @@ def summarise(
     plan, poses, hits = simulation.plan, record.array("pose"), simulation.collisions
     score, errors, passed = MapScore(), {}, 0.0
     if len(poses):
-        window = MatchParams.for_body(config.rig, config.body)
-        score = score_map(cells, plan.grid(), plan, simulation.world.profiles, poses[::5], config.rig, window)
+        window = MatchParams.for_body(simulation.rig, config.body)
+        score = score_map(cells, plan.grid(), plan, simulation.world.profiles, poses[::5], simulation.rig, window)
         passed = coverage(simulation.spawn_points.free, poses[:, :2])
         for name in ("believed", "located"):
             away, turned = pose_error(record.array(name), poses)
@@ -168,7 +162,7 @@ def summarise(
             errors[name] = {key: round(float(value), 4) for key, value in zip(keys, values, strict=True)}
     seconds, timing = simulation.now(), car.timer.summary()
     return {
-        **config.model_dump(include={"arena", "seed", "controller", "walls", "odometry", "disturbance"}),
+        **{name: getattr(config, name) for name in FACTS},
         "simulated_seconds": round(seconds, 3),
         "collisions": len(hits),
         "people_hit": sum(hit.person and not hit.stationary for hit in hits),

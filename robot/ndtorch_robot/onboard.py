@@ -105,7 +105,7 @@ def main(arguments: list[str]) -> None:
     from ndtorch_robot.run_config import read_run_config
 
     config = read_run_config(Path(arguments[0] if arguments else "maxstone8"))
-    sys.stdout.write(onboard_params(config.stereo_rig(), 1 / config.rate_hz))
+    sys.stdout.write(onboard_params(config.stereo_rig, 1 / config.rate_hz))
 
 
 if __name__ == "__main__":

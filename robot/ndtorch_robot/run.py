@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
-from ndtorch.utils.toml import check
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import CameraClock, Car
 from ndtorch_robot.link import SIMULATED_WORLD, MovesWorld, Opening, open_link
@@ -35,7 +34,7 @@ def open_car(config: RunConfig, report: Report, go: bool = False, observers: Ite
         stack.callback(drive.close)
         if isinstance(drive, MovesWorld):
             cameras, clock = drive.cameras_and_clock()
-            rig = config.stereo_rig()
+            rig = config.stereo_rig
         else:
             cameras, rig, clock = make_real_cameras(config)
         stack.callback(cameras.close)
@@ -55,9 +54,9 @@ def make_car(
     near_check: bool = True,
 ) -> Car:
     """A car of these parts, with the navigator and the safety layer of a configuration."""
-    limits, half, body = config.safety_limits(), config.navigation.map_half_size_m, config.body.body()
+    limits, half = config.safety_limits, config.navigation.map_half_size_m
     grid = Grid(-half, half, -half, half) if half else None
-    runner = NavigatorRunner(config.navigation.options(), rig, config.rate_hz, grid, near_check, body)
+    runner = NavigatorRunner(config.navigation, rig, config.rate_hz, grid, near_check, config.body)
     check = CameraMonitor(rig, config.rate_hz, limits.frame_age_s)
     safe = SafeDrive(drive, clock, limits, check, report)
     return Car(runner, cameras, safe, observers=observers, go=go)
@@ -86,19 +85,19 @@ def make_simulation(config: RunConfig) -> Simulation | None:
         raise InputError("disturbance: the frames a second of a car are its rate_hz")
     if disturbances.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
         raise InputError(f"disturbance: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")
-    rig, rate, body = config.stereo_rig(), config.rate_hz, config.body.body()
-    fields = config.navigation.options().fields(rig, body)
+    rig, rate, body = config.stereo_rig, config.rate_hz, config.body
+    fields = config.navigation.fields(rig, body)
     plan = load_arena(told.arena, told.seed)
     return Simulation(plan, told.seed, rig=rig, fields=fields, disturbances=disturbances, rate=rate, body=body)
 
 
 def make_real_cameras(config: RunConfig) -> tuple[CameraPair, StereoRig, Clock]:
     """Two cameras by their settings, their geometry, and the clock that the loop keeps with them."""
-    from ndtorch_robot.cameras import CameraSettings, open_cameras
+    from ndtorch_robot.cameras import open_cameras
 
-    settings = check(dict(config.cameras or {}), CameraSettings, "cameras")
-    options, body = config.navigation.options(), config.body.body()
-    cameras, rig = open_cameras(settings, config.stereo_rig(), lambda rig: options.fields(rig, body))
+    assert config.cameras is not None
+    options, body = config.navigation, config.body
+    cameras, rig = open_cameras(config.cameras, config.stereo_rig, lambda rig: options.fields(rig, body))
     return cameras, rig, CameraClock()
 
 

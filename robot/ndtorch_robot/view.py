@@ -8,17 +8,10 @@ the true pose is known, `path` and `car` are the true ones and `believed` is the
 
 from __future__ import annotations
 
-import atexit
-import contextlib
 import math
-import os
 import queue
-import signal
 import socket
-import subprocess
-import sys
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -30,7 +23,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid, NavigatorState, Rect, StereoRig, Strips
+from ndtorch.navigation import NavigatorState, Rect, StereoRig, Strips
 from ndtorch.report.recording import end_stream, import_rerun
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Report, Step
@@ -38,14 +31,11 @@ from ndtorch_robot.sim.plan import Plan
 
 Pose = tuple[float, float, float]
 
-LOCALHOST, PORT = "127.0.0.1", 9876
-"""The port of a server, unless another is given: the one that viewers try first."""
+PORT = 9876
+"""Port of a viewer, unless another is given: the one at which `rerun` listens."""
 
-SERVER_MEMORY = "256MB"
-"""What a server keeps for viewers that connect later. The oldest data are dropped."""
-
-START_TIMEOUT, CLOSE_TIMEOUT = 10.0, 5.0
-"""Seconds to wait for the viewer or server, and at the end for what has not been shown yet."""
+CLOSE_TIMEOUT = 5.0
+"""Seconds to wait at the end for what has not been shown yet."""
 
 QUEUE, PICTURES_PER_SECOND, MAP_EVERY = 30, 10, 2.0
 """Steps that may wait, pairs of frames a second that are shown, and seconds between two maps and paths."""
@@ -64,22 +54,17 @@ BLUE, RED, GREY, YELLOW, PURPLE, GREEN = (
 )  # fmt: skip
 
 
-def open_stream(
-    name: str, file: Path | None = None, window: bool = False, address: str | None = None, plan: Plan | None = None
-) -> Any:
+def open_stream(name: str, file: Path | None = None, viewer: str = "", plan: Plan | None = None) -> Any:
     """A rerun stream with its sinks.
-
-    Call it before the program asks for real-time priority: what it starts would go before the loop as well.
 
     Args:
         name: of the recording.
         file: a `.rrd` file.
-        window: open the viewer on this screen; it listens at 127.0.0.1 only.
-        address: `ADDRESS` or `ADDRESS:PORT` at which a server listens for viewers.
+        viewer: `ADDRESS` or `ADDRESS:PORT` of a viewer that is running.
         plan: of the building, where it is known.
 
     Raises:
-        InputError: rerun is not installed, the file cannot be written, or the viewer or server does not open.
+        InputError: rerun is not installed, the file cannot be written, or no viewer is there.
     """
     rr = import_rerun()
     stream: Any = rr.RecordingStream(f"ndtorch {name}")
@@ -89,57 +74,25 @@ def open_stream(
             file.parent.mkdir(parents=True, exist_ok=True)
             file.touch()
             sinks.append(rr.FileSink(str(file)))
-        if window:
-            with socket.socket() as free:
-                free.bind((LOCALHOST, 0))
-                port = free.getsockname()[1]
-            failure = "the rerun viewer does not open (has this machine a screen?): use --rrd FILE instead of --view"
-            start_rerun(["--hide-welcome-screen"], LOCALHOST, port, failure)
-            sinks.append(rr.GrpcSink(f"rerun+http://{LOCALHOST}:{port}/proxy"))
-        if address is not None:
-            sinks.append(rr.GrpcSink(open_server(address)))
+        if viewer:
+            sinks.append(rr.GrpcSink(viewer_address(viewer)))
         stream.set_sinks(*sinks, default_blueprint=layout(plan))
     except (OSError, RuntimeError) as error:
         raise InputError(f"cannot write the recording {file}: {error}") from None
     return stream
 
 
-def open_server(address: str) -> str:
-    """Start a server for viewers elsewhere, which ends with this program; returns the address to send to."""
-    host, _, given = address.partition(":")
+def viewer_address(viewer: str) -> str:
+    """The address of a running viewer; `InputError` where there is none."""
+    host, _, given = viewer.partition(":")
     port = int(given or PORT) if (given or "0").isdigit() else 0
     if not host or not 0 < port < 65536:
-        raise InputError(f"--view-at must be ADDRESS or ADDRESS:PORT, as 0.0.0.0:{PORT}, got {address!r}")
+        raise InputError(f"--view must be ADDRESS or ADDRESS:PORT, as 127.0.0.1:{PORT}, got {viewer!r}")
     try:
-        with socket.create_server((host, port)):
-            pass
+        socket.create_connection((host, port), timeout=5.0).close()
     except OSError as error:
-        raise InputError(f"--view-at {address}: cannot listen there ({error.strerror})") from None
-    options = ["--serve-grpc", "--server-memory-limit", SERVER_MEMORY]
-    server = start_rerun(options, host, port, f"--view-at {address}: the rerun server does not start")
-    atexit.register(end_rerun, server)
-    return f"rerun+http://{LOCALHOST if host == '0.0.0.0' else host}:{port}/proxy"
-
-
-def start_rerun(options: list[str], host: str, port: int, failure: str) -> subprocess.Popen[bytes]:
-    """Start rerun in a process of its own and wait until it listens; raises `InputError` with `failure`."""
-    command = [sys.executable, "-m", "rerun", "--bind", host, "--port", str(port), *options]
-    viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
-    until = time.monotonic() + START_TIMEOUT
-    while time.monotonic() < until and viewer.poll() is None:
-        with socket.socket() as line:
-            line.settimeout(0.2)
-            if line.connect_ex((LOCALHOST if host == "0.0.0.0" else host, port)) == 0:
-                return viewer
-        time.sleep(0.1)
-    end_rerun(viewer)
-    raise InputError(failure)
-
-
-def end_rerun(viewer: subprocess.Popen[bytes]) -> None:
-    """End a viewer or server with all its processes: what was started only starts the program."""
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(viewer.pid, signal.SIGTERM)
+        raise InputError(f"--view {viewer}: no viewer answers there ({error}): start `rerun` first") from None
+    return f"rerun+http://{host}:{port}/proxy"
 
 
 class View:
@@ -178,7 +131,6 @@ class View:
         self.start: float | None = None
         self.next_picture = self.next_map = 0.0
         self.paths: dict[str, list[list[tuple[float, float]]]] = {"path": [[]], "believed": [[]]}
-        self.levels = dict(runner.navigator.controller.trace.lines())
         self.log_fixed(plan)
         self.thread = threading.Thread(target=self.run, name="view", daemon=True)
         self.thread.start()
@@ -235,9 +187,8 @@ class View:
             box = rr.Boxes2D(mins=[(field.left, field.top)], sizes=[size], colors=[color])
             log(f"cameras/{side}/fields", box, static=True)
         commands = rr.SeriesLines(colors=[GREY, BLUE, RED], names=["wanted", "sent", "applied"])
-        names = ["left", "right", "difference", *self.levels]
-        colors = [BLUE, RED, YELLOW] + [GREY] * len(self.levels)
-        log("speeds", rr.SeriesLines(colors=colors, names=names), static=True)
+        speeds = rr.SeriesLines(colors=[BLUE, RED, YELLOW], names=["left", "right", "difference"])
+        log("speeds", speeds, static=True)
         log("command/speed", commands, static=True)
         log("command/curvature", commands, static=True)
         log("board/battery", rr.SeriesLines(colors=[GREEN], names=["battery, V"]), static=True)
@@ -268,11 +219,9 @@ class View:
                 self.next_map = now + MAP_EVERY
                 for name in self.paths:
                     self.log_path(name)
-                if self.runner.grid is not None and state.map is not None:
-                    points, colors = strongest_cells(self.runner.grid, state.map.cells)
-                    log("floor/map", rr.Points2D(points, colors=colors, radii=-1.2))
+                self.log_map(state)
         commands = (step.wanted, step.sent, step.driven)
-        log("speeds", rr.Scalars([*speeds, *self.levels.values()]))
+        log("speeds", rr.Scalars(speeds))
         log("command/speed", rr.Scalars([command.speed for command in commands]))
         log("command/curvature", rr.Scalars([command.curvature for command in commands]))
         log("board/battery", rr.Scalars([float(step.telemetry.get("battery_v") or math.nan)]))
@@ -295,6 +244,21 @@ class View:
         if strips:
             color = BLUE if name == "path" else PURPLE
             self.stream.log(f"floor/{name}", self.rr.LineStrips2D(strips, colors=[color], radii=-1.0))
+
+    def log_map(self, state: NavigatorState) -> None:
+        """The strongest cells of the map, if there is one."""
+        grid = self.runner.grid
+        if grid is None or state.map is None:
+            return
+        cells = grid.inner(state.map.cells)
+        largest = cells.max().clamp_min(1e-9)
+        row, column = (cells > FAINT * largest).nonzero(as_tuple=True)
+        value, strongest = cells[row, column].topk(min(CELLS, len(row)))
+        x, y = grid.center(row[strongest], column[strongest])
+        certain = (value / largest).clamp(0, 1).sqrt().numpy()[:, None]
+        colors = (np.array([250, 190, 120]) + certain * np.array([-80, -170, -100])).astype(np.uint8)
+        points = np.stack((x.numpy(), -y.numpy()), -1)
+        self.stream.log("floor/map", self.rr.Points2D(points, colors=colors, radii=-1.2))
 
     def describe(self, step: Step) -> str:
         """The state of the car in words."""
@@ -332,18 +296,6 @@ def feature_pixels(state: NavigatorState, side: str, rig: StereoRig) -> npt.NDAr
     return np.stack((columns + 0.5, np.full(len(columns), rig.row + 0.5)), -1)
 
 
-def strongest_cells(grid: Grid, cells: Tensor) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8]]:
-    """Places and colors of the strongest cells of a map with its margin, `[n, 2]` and `[n, 3]`."""
-    inner = grid.inner(cells)
-    largest = inner.max().clamp_min(1e-9)
-    row, column = (inner > FAINT * largest).nonzero(as_tuple=True)
-    value, strongest = inner[row, column].topk(min(CELLS, len(row)))
-    x, y = grid.center(row[strongest], column[strongest])
-    certain = (value / largest).clamp(0, 1).sqrt().numpy()[:, None]
-    colors = (np.array([250, 190, 120]) + certain * np.array([-80, -170, -100])).astype(np.uint8)
-    return np.stack((x.numpy(), -y.numpy()), -1), colors
-
-
 def layout(plan: Plan | None = None) -> Any:
     """Cameras on top, the floor below them, and the state of the car, its speeds and commands beside it."""
     import rerun.blueprint as rrb
@@ -353,22 +305,21 @@ def layout(plan: Plan | None = None) -> Any:
         left, right, bottom, top = plan.bounds
         bounds = rrb.VisualBounds2D(x_range=(left - 0.6, right + 0.6), y_range=(-top - 0.6, -bottom + 0.6))
     cameras = [rrb.Spatial2DView(origin=f"cameras/{side}", name=f"{side} camera") for side in ("left", "right")]
-    white = (255, 255, 255)
-    floor = rrb.Spatial2DView(origin="floor", name="path and map (m)", background=white, visual_bounds=bounds)
-    words = rrb.Horizontal(
-        rrb.TextDocumentView(origin="car", name="car"), rrb.TextLogView(origin="events", name="events")
-    )
-    names = {"speed": "speed (m/s)", "curvature": "curvature (1/m)"}
-    commands = [rrb.TimeSeriesView(origin=f"command/{key}", name=name) for key, name in names.items()]
-    motion = rrb.TimeSeriesView(origin="speeds", name="speed of the image beside the path")
-    battery = rrb.TimeSeriesView(origin="board", name="battery (V)")
+    floor = rrb.Spatial2DView(origin="floor", name="path and map (m)", background=(255, 255, 255), visual_bounds=bounds)
+    words = [rrb.TextDocumentView(origin="car", name="car"), rrb.TextLogView(origin="events", name="events")]
+    lines = {
+        "command/speed": "speed (m/s)",
+        "command/curvature": "curvature (1/m)",
+        "speeds": "speed of the image beside the path",
+        "board": "battery (V)",
+    }
+    plots = [rrb.TimeSeriesView(origin=origin, name=name) for origin, name in lines.items()]
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(rrb.Horizontal(*cameras), floor, row_shares=[2, 3]),
-            rrb.Vertical(words, rrb.Horizontal(*commands), rrb.Horizontal(motion, battery), row_shares=[2, 3, 3]),
+            rrb.Vertical(rrb.Horizontal(*words), rrb.Grid(*plots, grid_columns=2), row_shares=[1, 3]),
         ),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
+        collapse_panels=True,
         auto_views=False,
     )

@@ -22,13 +22,12 @@ from ndtorch.navigation.localisation import LocaliserState
 from ndtorch.navigation.localisation.ndt import to_sparse
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
-from ndtorch_robot.config import DriveConfig, load_config
+from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import DRAWN
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.simulation import Simulation
 
 OUT_M, OUT_S, HOME_S, STANDS = (30.0, 110.0), 900.0, 300.0, 30
@@ -71,16 +70,16 @@ class Leg:
 
 def drive_home(arena: str, seed: int) -> dict[str, Any]:
     """Where the car ends, and the bytes that its localiser keeps when it is sent home."""
-    wrong: dict[str, object] = {"odometry": "noisy", "disturbance": "slip"}
-    asked: dict[str, object] = {"controller": "goal", "explore": True, "localise": True}
-    config = load_config(None, {"arena": arena, "seed": seed, **wrong, **asked})
-    runner = NavigatorRunner(config.options(), config.rig, config.rate)
+    wrong: dict[str, Any] = {"odometry": "noisy", "disturbance": "slip"}
+    asked: dict[str, Any] = {"controller": "goal", "explore": True, "localise": True}
+    config = DriveConfig(arena=arena, seed=seed, **wrong, **asked)
+    runner = NavigatorRunner(config, config.stereo_rig, config.rate)
     simulation = Simulation(
         load_arena(arena, seed),
         seed,
         odometry=config.odometry,
         fields=runner.fields,
-        disturbances=read_disturbances(config.disturbance),
+        disturbances=config.disturbance_values,
         rate=config.rate,
     )
     home = simulation.pose[:2]

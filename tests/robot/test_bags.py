@@ -120,6 +120,7 @@ kind = "simulated-world"
 length_m = 0.25
 width_m = 0.18
 min_turn_radius_m = 0.2
+[rig]
 camera_height_m = 0.1
 camera_pitch_deg = 2.0
 camera_forward_m = 0.07

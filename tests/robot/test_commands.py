@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 
 import ndtorch_robot.car
+from ndtorch.cli.command_run import INCOMPLETE
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils import workers
-from ndtorch_robot.barn import Attempt, Entry
+from ndtorch_robot.barn import Attempt, BarnWorld
 from ndtorch_robot.commands import barn
-from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.config import DriveConfig, RobotOptions
 from ndtorch_robot.drive import check_goal
 from ndtorch_robot.sim.arenas import load_arena
 from tests.robot.test_barn import FILE as TWO_WORLDS
 
 MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
-PICTURES = ["map.png", "path.png", "rows.png", "speeds.png"]
-FILES = [*MAPS, "path.png", "report.html", "rows.png", "speeds.png", "summary.json"]
+PICTURES = ["map.png", "path.png"]
+FILES = [*MAPS, "path.png", "report.html", "summary.json"]
 KEYS = {
     *("collisions", "stopped", "simulated_seconds", "wall_seconds", "distance_m", "turns"),
     *("step_ms", "map", "arena", "seed", "controller"),
@@ -58,7 +59,6 @@ def test_a_map_is_made_and_known_again(tmp_path, capsys):
     assert "error of the pose at the end: dead reckoning 0.0" in capsys.readouterr().out
     made = tmp_path / "first" / "map.npz"
     assert np.load(made)["walls"].shape[1] == 8
-    assert (tmp_path / "first" / "pose.png").exists()
     assert main([*shared, "--known-map", str(made), "--out", str(tmp_path / "second")]) == 0
     assert "error of the pose at the end" in capsys.readouterr().out
     assert main([*shared, "--known-map", str(tmp_path)]) == 2
@@ -104,6 +104,7 @@ def test_a_goal_outside_of_the_building_or_in_a_wall_is_refused() -> None:
             check_goal(DriveConfig(arena="room", controller="goal", goal=f"{x},{y}"), plan)
 
 
+Job = tuple[BarnWorld, RobotOptions]
 WORLDS = [{"world": n, "path_m": 10.0, "cylinders": [[2.0, 4.0]]} for n in (4, 5, 6)]
 FILE = {**TWO_WORLDS, "worlds": WORLDS}
 
@@ -116,16 +117,16 @@ def file(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def driven(monkeypatch: pytest.MonkeyPatch) -> list[Entry]:
+def driven(monkeypatch: pytest.MonkeyPatch) -> list[Job]:
     """The entries that would have been driven: the car touches something in world 6 and cannot be driven in world 5."""
-    entries: list[Entry] = []
+    entries: list[Job] = []
 
-    def run(function: object, tasks: list[Entry], jobs: int) -> Iterator[workers.Event]:
+    def run(function: object, tasks: list[Job], jobs: int) -> Iterator[workers.Event]:
         assert function is barn.drive_world
         for n, entry in enumerate(tasks):
             entries.append(entry)
-            number = entry.world.number
-            if number == 5 and entry.seed == 0:
+            number = entry[0].number
+            if number == 5 and entry[1].seed == 0:
                 yield workers.Event("failed", n, "Traceback\n  in a file\nInputError: no OpenGL\n")
                 continue
             hit = number == 6
@@ -137,24 +138,27 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Entry]:
 
 
 def test_what_is_finished_is_kept_and_not_driven_again(
-    file: Path, driven: list[Entry], capsys: pytest.CaptureFixture[str]
+    file: Path, driven: list[Job], capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = file.parent / "out"
     command = ["barn", str(file), "--out", str(out), "--json"]
-    assert main(command) == barn.FAILED
+    assert main(command) == INCOMPLETE
     printed, told = capsys.readouterr()
     assert json.loads(printed) == {
         "worlds": 2,
         "success": 0.5,
-        "collisions": 0.5,
+        "collided": 0.5,
         "score": 0.125,
         "median_time_s": 20.0,
     }
     assert "failed: world 5: InputError: no OpenGL" in told
-    assert (out / "barn.csv").read_text().splitlines()[1:] == ["4,1,0,20.00,0.2500", "6,0,1,20.00,0.0000"]
+    assert (out / "barn.csv").read_text().splitlines()[1:] == [
+        "4,True,False,20.0,0.25,0.4",
+        "6,False,True,20.0,0.0,0.4",
+    ]
     assert "1 of 3 worlds are missing" in (out / "barn.md").read_text()
-    assert main(command) == barn.FAILED
-    assert [entry.world.number for entry in driven] == [4, 5, 6, 5]
+    assert main(command) == INCOMPLETE
+    assert [world.number for world, _ in driven] == [4, 5, 6, 5]
     assert not out.with_name("out-2").exists()
 
 
@@ -167,7 +171,7 @@ def test_what_is_finished_is_kept_and_not_driven_again(
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_driven(
-    arguments: list[str], message: str, file: Path, driven: list[Entry], capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, file: Path, driven: list[Job], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["barn", str(file), "--out", str(file.parent / "out"), *arguments]) == 2
     assert message in capsys.readouterr().err
@@ -176,7 +180,7 @@ def test_what_cannot_be_is_refused_before_anything_is_driven(
 
 
 def test_ctrl_c_keeps_what_was_finished(
-    file: Path, monkeypatch: pytest.MonkeyPatch, driven: list[Entry], capsys: pytest.CaptureFixture[str]
+    file: Path, monkeypatch: pytest.MonkeyPatch, driven: list[Job], capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole = workers.run_tasks
 
@@ -187,5 +191,5 @@ def test_ctrl_c_keeps_what_was_finished(
     monkeypatch.setattr(workers, "run_tasks", cut)
     out = file.parent / "out"
     assert main(["barn", str(file), "--out", str(out)]) == 130
-    assert (out / "barn.csv").read_text().splitlines()[1:] == ["4,1,0,20.00,0.2500"]
+    assert (out / "barn.csv").read_text().splitlines()[1:] == ["4,True,False,20.0,0.25,0.4"]
     assert "2 of 3 worlds are missing" in capsys.readouterr().out

@@ -16,10 +16,12 @@ import torch
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import Body, StereoRanging, controller_names
+from ndtorch.run.arguments import parse
 from ndtorch_robot.commands import doctor
-from ndtorch_robot.config import load_config
+from ndtorch_robot.commands.drive import Drive
+from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
-from ndtorch_robot.run_config import BodyTable, RobotTable, read_run_config
+from ndtorch_robot.run_config import RigTable, RunConfig, read_run_config
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG, CarLimits
 
@@ -70,38 +72,50 @@ def test_preparing_compiles_all_controllers_and_models(capsys, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["maxstone8", "mini", "model-car", "delivery"])
 def test_a_robot_drives_five_seconds(name: str, tmp_path: Path) -> None:
-    body = read_run_config(Path(name)).body.body()
+    body = read_run_config(Path(name)).body
     side = 6 * body.unit_m
     (tmp_path / "room.toml").write_text(f'name = "room"\nrooms = [[0, 0, {side}, {side}]]\nheight = 2.0\n')
-    summary = drive(load_config(None, {"robot": name, "arena": str(tmp_path / "room.toml"), "seconds": 5.0})).summary
+    summary = drive(DriveConfig(robot=Path(name), arena=str(tmp_path / "room.toml"), seconds=5.0)).summary
     assert summary["collisions"] == 0
     assert summary["distance_m"] > 2 * body.cruise_m_per_s
 
 
 def test_the_robot_that_only_ranges() -> None:
     kitti = read_run_config(Path("kitti"))
-    rig = kitti.stereo_rig()
+    rig = kitti.stereo_rig
     with pytest.raises(InputError, match=r"nowhere as wide as the robot needs \(8.56 m\)"):
-        drive(load_config(None, {"robot": "kitti", "seconds": 1.0}))
+        drive(DriveConfig(controller="published", robot=Path("kitti"), seconds=1.0))
     row = torch.rand(1, 1, 1, rig.width + 40)
-    search = kitti.navigation.options().search(rig, kitti.body.body())
+    search = kitti.navigation.search(rig, kitti.body)
     ranges, _ = StereoRanging(rig, 0.1, search=search)(row[..., :-40], row[..., 40:])
     assert ranges.x.shape == (1, 5)
 
 
 def test_the_defaults_are_the_car_of_the_paper() -> None:
-    assert (BodyTable().body(), RobotTable().stereo_rig()) == (Body(), RIG)
-    assert read_run_config(Path("maxstone8")).body == BodyTable()
-    limits = RobotTable().safety_limits()
+    car = read_run_config(Path("maxstone8"))
+    assert (car.body, car.rig, car.stereo_rig) == (Body(), RigTable(), RIG)
+    assert RunConfig(board_name="car", simulation={}).stereo_rig == RIG
+    limits = car.safety_limits
     assert (limits.speed_m_per_s, limits.curvature_per_m) == (pytest.approx(0.6), pytest.approx(1 / 0.45))
     assert CarLimits.of(Body()) == CarLimits()
 
 
-def test_options_of_the_file_lie_below_those_that_are_given() -> None:
+def test_options_of_files_lie_below_those_that_are_given(tmp_path: Path) -> None:
     file = ROOT / "robot" / "configs" / "mini.toml"
-    assert load_config(None, {"robot": file}).stereo == "auto"
-    assert load_config(None, {"robot": file, "stereo": "features"}).stereo == "features"
-    assert load_config(None, {"robot": "mini"}) == load_config(None, {"robot": file})
+    shared = tmp_path / "drive.toml"
+    shared.write_text(f'robot = "{file}"\nseconds = 3\nlocalise = true')
+    for arguments, values in (
+        (["--robot", str(file)], ("auto", 60.0, False)),
+        (["--robot", "mini", "--stereo", "features"], ("features", 60.0, False)),
+        ([str(shared)], ("auto", 3.0, True)),
+        ([str(shared), "--localise", "--seconds", "60"], ("auto", 60.0, True)),
+    ):
+        command = parse(Drive, "drive", arguments)
+        assert (command.stereo, command.seconds, command.localise) == values
+        assert command.body == read_run_config(file).body
+    shared.write_text("second = 3")
+    with pytest.raises(InputError, match=r"unknown key 'second'; did you mean seconds\?"):
+        parse(Drive, "drive", [str(shared)])
 
 
 UNIT = ROOT / "robot" / "maxstone8.service"

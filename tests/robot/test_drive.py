@@ -1,6 +1,7 @@
 """Whole drives: determinism, restarts, Ctrl-C, and the published figures."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.stereo.strips import Strips
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
-from ndtorch_robot.config import LIMITS, DriveConfig
+from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import DRAWN, drive
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand
@@ -20,6 +21,7 @@ from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
 
+LIMITS = DriveConfig().limits
 pytestmark = pytest.mark.slow
 
 
@@ -42,13 +44,13 @@ def test_same_seed_same_drive():
     first = drive(config)
     assert first.summary["collisions"] + first.summary["turns"] > 0
     same(first, drive(config))
-    other = drive(config.model_copy(update={"seed": 2, "seconds": 1.0}))
+    other = drive(replace(config, seed=2, seconds=1.0))
     assert other.record.pose != first.record.pose[: len(other.record.pose)]
 
 
-def test_looking_changes_nothing():
+def test_looking_changes_nothing(tmp_path):
     config = DriveConfig(arena="curve", seed=1, seconds=0.5)
-    same(drive(config), drive(config.model_copy(update={"full_frames": True})))
+    same(drive(config), drive(replace(config, rrd=tmp_path / "drive.rrd")))
 
 
 def test_collision_restarts_and_keeps_the_map():

@@ -12,7 +12,7 @@ from ndtorch.navigation import Grid, StereoRig
 from ndtorch.utils import workers
 from ndtorch.utils.workers import Event
 from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.evaluation.drives import key_of
+from ndtorch_robot.evaluation.drives import digest, key_of
 from ndtorch_robot.evaluation.metrics import (
     MapScore,
     score_map,
@@ -20,7 +20,7 @@ from ndtorch_robot.evaluation.metrics import (
     visible,
 )
 from ndtorch_robot.evaluation.record import Record
-from ndtorch_robot.evaluation.table import markdown, rows_of
+from ndtorch_robot.evaluation.table import markdown, table_of
 from ndtorch_robot.sim.arenas import Box, trace
 from ndtorch_robot.sim.plan import Plan, cylinder
 from ndtorch_robot.sim.textures import ALONG
@@ -44,18 +44,19 @@ def summary(arena="room", seed=1, controller="published", **changes):
     return values | changes
 
 
-def test_key_names_the_drive_and_the_code(tmp_path):
+def test_key_names_what_a_drive_depends_on(tmp_path):
     config = DriveConfig()
-    key = key_of(config, "a")
-    assert key == key_of(config.model_copy(update={"out": tmp_path, "full_frames": True}), "a")
-    arena = tmp_path / "my.toml"
-    arena.write_text("rooms = [[0, 0, 4, 4]]")
+    assert key_of(config) == key_of(replace(config, out=tmp_path, rrd=tmp_path / "d.rrd"))
+    arena, robot = tmp_path / "my.toml", tmp_path / "robot.toml"
+    for file in (arena, robot):
+        file.write_text("first")
     changed = [{"seed": 3}, {"seconds": 61.0}, {"arena": "room"}, {"walls": "blank"}, {"arena": str(arena)}]
-    keys = {key_of(config.model_copy(update=c), "a") for c in changed} | {key, key_of(config, "b")}
-    assert len(keys) == len(changed) + 2
-    before = key_of(config.model_copy(update={"arena": str(arena)}), "a")
-    arena.write_text("rooms = [[0, 0, 5, 4]]")
-    assert key_of(config.model_copy(update={"arena": str(arena)}), "a") != before
+    changed.append({"robot": robot})
+    keys = [digest(key_of(replace(config, **change))) for change in ({}, *changed)]
+    assert len(set(keys)) == len(changed) + 1
+    for file, change in ((arena, {"arena": str(arena)}), (robot, {"robot": robot})):
+        file.write_text("second")
+        assert digest(key_of(replace(config, **change))) not in keys
 
 
 def test_rows_are_of_all_drives_together():
@@ -65,16 +66,19 @@ def test_rows_are_of_all_drives_together():
         summary("loop", disturbance="noise"),
         summary(seed=2, collisions=0, stopped=0, simulated_seconds=2700.0, free_area_passed=0.9, map=none),
     ]
-    room, loop = rows_of(drives)
+    table = table_of(drives)
+    room, loop = table.to_dict("records")
     assert (room["arena"], loop["arena"], loop["disturbance"]) == ("room", "loop", "noise")
-    assert (room["hours"], room["collisions_h"], room["stops_h"], room["distance_m"]) == (1.0, 2.0, 1.0, 800.0)
-    assert (room["passed"], room["precision"], room["surfaces"]) == pytest.approx((0.7, 0.7, 0.95))
-    assert room["recall"] == 0.6
-    assert loop["collisions_h"] == 8.0
-    lines = markdown([room, loop], "note").splitlines()
+    sums = [room[name] for name in ("simulated hours", "collisions/h", "stops/h", "m driven")]
+    assert sums == [1.0, 2.0, 1.0, 800.0]
+    means = [room[name] for name in ("passed within 1 m %", "map precision %", "map within 10 cm of surfaces %")]
+    assert means == pytest.approx([70, 70, 95])
+    assert room["map recall %"] == 60
+    assert loop["collisions/h"] == 8.0
+    lines = markdown(table, "note").splitlines()
     assert lines[2] == "| room | textured | published | - | 2 | 1.00 | 2.0 | 1.0 | 800 | 70 | 70 | 95 | 60 |"
     assert lines[-1] == "note"
-    assert "disturbance" not in markdown([room], "").splitlines()[0]
+    assert "disturbance" not in markdown(table_of(drives[:1]), "").splitlines()[0]
 
 
 def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
@@ -96,7 +100,7 @@ def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     assert [line["seed"] for line in lines] == [1000, 1001]
     min((folder / "drives").iterdir()).unlink()
     assert main([*arguments, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)[0]["count"] == 2
+    assert json.loads(capsys.readouterr().out)[0]["drives"] == 2
     assert len(driven) == 3
     # A table of other drives is another table; what was driven is not driven again.
     assert main(arguments[:-1]) == 0

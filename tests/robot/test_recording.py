@@ -243,7 +243,9 @@ def test_gaps_and_damage_leave_the_rest_compared(tmp_path, capsys):
 def test_a_simulated_drive_replays_bit_for_bit(tmp_path, capsys, whole):
     """Driven into a wall and put back, so that restarts are replayed too."""
     seconds, path = 0.4 if whole else 7, tmp_path / "r.mcap"
-    config = DriveConfig(arena="hallway", seed=1, seconds=seconds, full_frames=whole, record=path)
+    config = DriveConfig(
+        arena="hallway", seed=1, seconds=seconds, record=path, rrd=tmp_path / "drive.rrd" if whole else None
+    )
     result = drive(config, steer=lambda command: DriveCommand(0.5, 0.6))
     assert result.summary["recording"]["steps"] == len(result.record.time)
     assert whole or len(result.record.placed) > 1

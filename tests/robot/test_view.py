@@ -2,19 +2,17 @@
 
 import json
 import socket
-import sys
 import threading
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-import ndtorch_robot.view as view
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.recording import Recorder
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.view import View, open_server, open_stream
+from ndtorch_robot.view import View, open_stream
 from tests.robot.support.cars import FAULTS, RIG, FilmCar, bare_loop, moving_world
 
 rerun = pytest.importorskip("rerun")
@@ -44,7 +42,7 @@ def check_contents(path, count):
     assert len(RrdReader(path).recordings()) == len(RrdReader(path).blueprints()) == 1
     assert len(rows(path, "/cameras/left", "EncodedImage:blob")) == pytest.approx(count / 3, abs=2)
     assert rows(path, "/cameras/right/features", "Points2D:positions")
-    for entity, width in (("/speeds", 6), ("/command/speed", 3), ("/command/curvature", 3), ("/board/battery", 1)):
+    for entity, width in (("/speeds", 3), ("/command/speed", 3), ("/command/curvature", 3), ("/board/battery", 1)):
         values = rows(path, entity, "Scalars:scalars")
         assert len(values) == count
         assert {len(value) for _, value in values} == {width}
@@ -126,32 +124,15 @@ def test_a_loop_never_waits_for_a_view_that_hangs_or_breaks(monkeypatch):
     assert said[1:] == ["the view has ended: RuntimeError: no viewer"]
 
 
-def test_addresses(monkeypatch):
-    for address in ("", "127.0.0.1:port", "127.0.0.1:70000", ":9876"):
-        with pytest.raises(InputError, match="--view-at must be ADDRESS or ADDRESS:PORT"):
-            open_server(address)
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(InputError, match=f"--view-at 127.0.0.1:{port}: cannot listen there"):
-            open_server(f"127.0.0.1:{port}")
-
-
-def test_the_viewer_listens_at_this_computer_only(monkeypatch):
-    asked, doors = [], []
-
-    class Viewer:
-        def __init__(self, command, **options):
-            asked.append(command)
-            doors.append(socket.create_server(("127.0.0.1", int(command[command.index("--port") + 1]))))
-
-        def poll(self):
-            return None
-
-    monkeypatch.setattr(view.subprocess, "Popen", Viewer)
-    monkeypatch.setattr(rerun, "GrpcSink", lambda address: asked.append(address))
-    monkeypatch.setattr(rerun.RecordingStream, "set_sinks", lambda self, *sinks, **more: None)
-    open_stream("live", window=True)
-    doors[0].close()
-    assert asked[0][:3] == [sys.executable, "-m", "rerun"]
-    assert asked[0][asked[0].index("--bind") + 1] == "127.0.0.1"
-    assert asked[1].startswith("rerun+http://127.0.0.1:")
+def test_a_viewer_that_runs_is_found(monkeypatch):
+    for address in ("127.0.0.1:port", "127.0.0.1:70000", ":9876"):
+        with pytest.raises(InputError, match="--view must be ADDRESS or ADDRESS:PORT"):
+            open_stream("live", viewer=address)
+    sinks = []
+    monkeypatch.setattr(rerun.RecordingStream, "set_sinks", lambda self, *given, **more: sinks.extend(given))
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        port = door.getsockname()[1]
+        open_stream("live", viewer=f"127.0.0.1:{port}")
+    assert len(sinks) == 1
+    with pytest.raises(InputError, match="no viewer answers there"):
+        open_stream("live", viewer=f"127.0.0.1:{port}")

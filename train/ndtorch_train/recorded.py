@@ -63,11 +63,11 @@ class Recorded(NamedTuple):
 
 def record_drive(options: Mapping[str, Any]) -> Arrays:
     """Drive and keep the drive as arrays; `options` are fields of `ndtorch_robot.config.DriveConfig`."""
-    from ndtorch_robot.config import load_config
+    from ndtorch_robot.config import DriveConfig
     from ndtorch_robot.drive import drive
 
-    result = drive(load_config(None, dict(options)))
-    record, grid, world = result.record, result.grid, result.simulation.world
+    result = drive(DriveConfig(**options))
+    record, grid, world = result.record, result.plan.grid(), result.simulation.world
     names = ("time", "pose", "believed", "sides", "difference", "mode")
     return {
         **{name: record.array(name) for name in names},

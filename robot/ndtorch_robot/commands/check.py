@@ -63,7 +63,7 @@ class Check:
         clock: Clock = drive.cameras_and_clock()[1] if isinstance(drive, MovesWorld) else MonotonicClock()
         try:
             good["link"] = self.link(drive, clock)
-            safe = SafeDrive(drive, clock, config.safety_limits(), report=timed_report())
+            safe = SafeDrive(drive, clock, config.safety_limits, report=timed_report())
             self.say("3. Directions")
             if not self.ask("Are all wheels off the ground?"):
                 print("put the car on a block first", file=sys.stderr)

@@ -47,27 +47,29 @@ class Import:
     def run(self) -> int:
         import torch
 
+        from ndtorch.navigation import Body
         from ndtorch.navigation.options import options_of
         from ndtorch_robot.bags import StereoBag
-        from ndtorch_robot.config import read_robot
+        from ndtorch_robot.config import navigation_options
         from ndtorch_robot.navigator_runner import NavigatorRunner
         from ndtorch_robot.ports import STAND, Step, print_note
         from ndtorch_robot.recording import Recorder
-        from ndtorch_robot.run_config import BodyTable
+        from ndtorch_robot.run_config import RigTable, read_run_config
 
         torch.set_num_threads(1)
-        body, options = BodyTable(camera_forward_m=0.0), dict[str, object](controller="published", stereo="search")
+        body, cameras = Body(), RigTable(camera_forward_m=0.0)
+        options = dict[str, object](controller="published", stereo="search")
         if self.robot is not None:
-            robot, own = read_robot(self.robot)
-            body, options = robot.body, options | own
+            robot = read_run_config(self.robot)
+            body, cameras, options = robot.body, robot.rig, options | navigation_options(self.robot)
         if self.controller is not None:
             options["controller"] = self.controller
-        where = {"camera_height": body.camera_height_m, "forward": body.camera_forward_m}
-        where["pitch"] = math.radians(body.camera_pitch_deg)
+        where = {"camera_height": cameras.camera_height_m, "forward": cameras.camera_forward_m}
+        where["pitch"] = math.radians(cameras.camera_pitch_deg)
         bag = StereoBag(self.bag, self.left, self.right, self.odometry, **where)
         if bag.topics.odometry is None:
             print_note("the bag has no odometry: the robot is taken to stand")
-        runner = NavigatorRunner(options_of(options), bag.rig, bag.rate, None, False, body.body())
+        runner = NavigatorRunner(options_of(options), bag.rig, bag.rate, None, False, body)
         ranged, began, last = 0, math.nan, math.nan
         with Recorder(self.out, runner, when_full="wait", report=print_note) as recorder, torch.inference_mode():
             for number, (frames, driven) in enumerate(bag.pairs()):

@@ -38,10 +38,8 @@ class Run:
     """Folder for the map at the end, if navigation.map_half_size_m is above 0."""
     rrd: Path | None = None
     """File for the rerun viewer."""
-    view: bool = False
-    """Show the drive in the rerun viewer as it goes; it listens at 127.0.0.1 only."""
-    view_at: str | None = None
-    """Serve the drive at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
+    view: str = ""
+    """Running rerun viewer to which the drive is sent, ADDRESS or ADDRESS:PORT."""
     json: bool = False
     """Print the summary as one JSON object, and nothing else on stdout."""
 
@@ -119,12 +117,11 @@ class Run:
 
     def stream(self) -> Any:
         """Where the view goes; None where nobody looks."""
-        where = (self.rrd, self.view, self.view_at)
-        if not any(where):
+        if self.rrd is None and not self.view:
             return None
         from ndtorch_robot.view import open_stream
 
-        return open_stream(f"run {self.config.stem}", *where)
+        return open_stream(f"run {self.config.stem}", self.rrd, self.view)
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:

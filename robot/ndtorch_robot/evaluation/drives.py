@@ -1,113 +1,137 @@
-"""The drives of an evaluation: which they are, where their results are kept, and how one is done."""
+"""Many drives in parallel, each kept as soon as it is done, so that a command goes on where it was stopped."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
+from ndtorch.cli.command_run import INCOMPLETE, INTERRUPTED
 from ndtorch.errors import InputError
+from ndtorch.run.folder import place_for
 from ndtorch.utils import workers
 from ndtorch.utils.files import TABLE_BYTES, read_text, write_text
-from ndtorch.utils.packages import code_digest
-from ndtorch_robot.config import DriveConfig
+from ndtorch.utils.packages import code_digest, toml_file
+from ndtorch_robot.config import DriveConfig, RobotOptions
 from ndtorch_robot.ports import Step
 
 REPORT_EVERY = 0.5
 """Seconds between two reports of a worker."""
 
-Summary = dict[str, Any]
-
 Job = TypeVar("Job")
 
 
-def key_of(config: DriveConfig, code: str) -> str:
-    """Name of the result of a drive: the same for the same parameters, building and code."""
-    values = config.model_dump(mode="json", exclude={"out", "rrd", "view", "full_frames"})
-    text = read_text(config.arena) if config.arena.endswith(".toml") else ""
-    return hashlib.sha256(json.dumps([values, text, code], sort_keys=True).encode()).hexdigest()[:16]
+@dataclass
+class Batch:
+    """What came of many drives.
 
-
-class ResultCache(Generic[Job]):
-    """Results of finished drives, one file each, so that many drives can go on where they were stopped.
-
-    Args:
-        folder: of the files.
-        name: of the result of a job and a hash of the code: the same for the same parameters and code.
+    Attributes:
+        folder: of the results.
+        results: of the drives that are finished, in their order.
+        missing: number of the others.
+        troubles: why drives could not be done, a line each.
+        interrupted: by Ctrl-C.
     """
 
-    def __init__(self, folder: Path, name: Callable[[Job, str], str]) -> None:
-        self.folder, self.name_of = folder, name
-        self.code = code_digest(("ndtorch", "ndtorch_robot"), ("torch", "numpy"))
+    folder: Path
+    results: list[dict[str, Any]]
+    missing: int
+    troubles: list[str]
+    interrupted: bool
 
-    def name(self, job: Job) -> str:
-        return self.name_of(job, self.code)
-
-    def get(self, job: Job) -> Summary | None:
-        """The result that was kept; None without a file that can be read."""
-        try:
-            result = json.loads(read_text(self.folder / f"{self.name(job)}.json", TABLE_BYTES))
-        except (FileNotFoundError, ValueError, RecursionError):
-            return None
-        return result if isinstance(result, dict) else None
-
-    def put(self, job: Job, result: Summary) -> None:
-        """Keep a result. The file is written beside and moved, so that there is never half of it."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        write_text(self.folder / f"{self.name(job)}.json", json.dumps(result) + "\n")
+    def exit_code(self) -> int:
+        """Print the troubles; returns the exit code of the command."""
+        for trouble in self.troubles:
+            print(f"failed: {trouble}", file=sys.stderr)
+        return INTERRUPTED if self.interrupted else INCOMPLETE if self.troubles else 0
 
 
-def processes_of(jobs: int) -> int:
-    """What `--jobs` asks for: 0 is one a core. Raises `InputError`: less."""
-    if jobs < 0:
-        raise InputError(f"--jobs must be 1 or more, got {jobs}")
-    return jobs or workers.cores()
+def drive_many(
+    work: Callable[[Job, Callable[[float], None]], dict[str, Any]],
+    jobs: Sequence[Job],
+    key: Callable[[Job], Any],
+    label: Callable[[Job], str],
+    size: Callable[[Job], float],
+    out: Path,
+    *,
+    processes: int = 0,
+    force: bool = False,
+) -> Batch:
+    """Do those jobs whose results are not in `out`/drives; with other jobs or code the results go into a new folder.
 
-
-def finish(
-    work: Callable[[Job, Callable[[float], None]], Summary],
-    given: list[Job],
-    cache: ResultCache[Job],
-    processes: int,
-    name: Callable[[Job], str],
-    size: Callable[[Job], float] = lambda job: 1.0,
-    **bar_options: Any,
-) -> list[str]:
-    """Do those jobs whose results are missing, keeping each as soon as it is done; returns what went wrong for good."""
+    Args:
+        work: does one job in a process of its own, and reports how much of its size is done.
+        key: what the result depends on, for JSON.
+        label: name for people.
+        size: for the progress, in s.
+        processes: number of jobs at a time; 0 is one a core.
+        force: write into `out` whatever is in it.
+    """
     from ndtorch.run.progress import progress_bar
 
-    missing = [job for job in given if cache.get(job) is None]
-    made, troubles = [0.0] * len(missing), list[str]()
-    if not missing:
-        return []
-    with (
-        progress_bar(sum(map(size, missing)), desc=f"{len(missing)} to do", **bar_options) as bar,
-        closing(workers.run_tasks(work, missing, processes)) as events,
-    ):
-        for kind, task, value in events:
-            job, reached = missing[task], size(missing[task])
-            if kind == "progress":
-                reached = float(value)
-            elif kind == "done":
-                cache.put(job, value)
-            else:
-                troubles.append(f"{name(job)}: {str(value).strip().splitlines()[-1]}")
-            bar.update(reached - made[task])
-            made[task] = reached
-    return troubles
+    if processes < 0:
+        raise InputError(f"--jobs must be 1 or more, got {processes}")
+    code = code_digest(("ndtorch", "ndtorch_robot"), ("torch", "numpy"))
+    names = [digest([key(job), code]) for job in jobs]
+    place = place_for(out, {"drives": dict(zip(names, map(label, jobs), strict=True))}, force=force)
+    place.take_over("drives")
+    kept = place.folder / "drives"
+    kept.mkdir(exist_ok=True)
+    missing = [n for n, name in enumerate(names) if finished(kept / f"{name}.json") is None]
+    made, troubles, interrupted = [0.0] * len(missing), list[str](), False
+    form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s, {rate_fmt}, {remaining} left"
+    bar = progress_bar(sum(size(jobs[n]) for n in missing), desc=f"{len(missing)} to do", unit="x", bar_format=form)
+    tasks = [jobs[n] for n in missing]
+    with bar, closing(workers.run_tasks(work, tasks, processes or workers.cores())) as events:
+        try:
+            for kind, task, value in events if missing else ():
+                reached = float(value) if kind == "progress" else size(tasks[task])
+                if kind == "done":
+                    # Written beside and moved, so that there is never half of it.
+                    write_text(kept / f"{names[missing[task]]}.json", json.dumps(value) + "\n")
+                elif kind == "failed":
+                    troubles.append(f"{label(tasks[task])}: {str(value).strip().splitlines()[-1]}")
+                bar.update(reached - made[task])
+                made[task] = reached
+        except KeyboardInterrupt:
+            interrupted = True
+    results = [result for name in names if (result := finished(kept / f"{name}.json")) is not None]
+    return Batch(place.folder, results, len(jobs) - len(results), troubles, interrupted)
 
 
-def drive_once(config: DriveConfig, report: Callable[[float], None]) -> Summary:
-    """Do one drive, in one thread; reports the simulated seconds driven so far."""
-    import torch
+def digest(values: Any) -> str:
+    """Name of a result."""
+    return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
+
+def finished(file: Path) -> dict[str, Any] | None:
+    """The result in a file; None without one that can be read."""
+    try:
+        result = json.loads(read_text(file, TABLE_BYTES))
+    except (FileNotFoundError, ValueError, RecursionError):
+        return None
+    return result if isinstance(result, dict) else None
+
+
+def key_of(options: RobotOptions) -> list[Any]:
+    """What a drive depends on beside the code: its options, and the files of its arena and its robot."""
+    values = {name: v for name, v in asdict(options).items() if name not in ("out", "rrd", "view", "record")}
+    arena = values.get("arena", "")
+    files = [Path(arena)] if arena.endswith(".toml") else []
+    files += [] if options.robot is None else [toml_file(options.robot, "ndtorch_robot", "configs")]
+    return [values, *map(read_text, files)]
+
+
+def drive_once(config: DriveConfig, report: Callable[[float], None]) -> dict[str, Any]:
+    """Do one drive; reports the simulated seconds driven so far."""
     from ndtorch_robot.drive import drive
 
-    torch.set_num_threads(1)
     reported = time.monotonic()
 
     def observe(step: Step) -> None:
@@ -117,4 +141,4 @@ def drive_once(config: DriveConfig, report: Callable[[float], None]) -> Summary:
             reported = now
             report(made)
 
-    return drive(config.model_copy(update={"full_frames": False, "rrd": None, "view": False}), [observe]).summary
+    return drive(config, [observe]).summary

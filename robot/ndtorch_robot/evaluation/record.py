@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -110,10 +109,3 @@ def grey_row(frame: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
     row = frame.row if isinstance(frame, Strips) else frame[..., rig.row : rig.row + 1, :]  # type: ignore[index]
     grey: npt.NDArray[np.uint8] = np.rint(row[0, :, 0].numpy().mean(0, dtype=np.float32)).astype(np.uint8)
     return grey
-
-
-def range_columns(ranges: npt.NDArray[np.float32], rig: StereoRig, linear: bool) -> tuple[Floats, Floats]:
-    """Columns at which ranged features were seen in the left and the right row; NaN where there was none."""
-    angles = [ranges[:, part].astype(np.float64) for part in (1, 2)]
-    left, right = (rig.center[0] - (a / rig.pixel_angle if linear else np.tan(a) * rig.focal) for a in angles)
-    return np.where(ranges[:, 3] > 0, left, math.nan), np.where(ranges[:, 3] > 0, right, math.nan)

@@ -2,88 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from statistics import mean, median
+from collections.abc import Sequence
 from typing import Any
 
-Drives = list[dict[str, Any]]
-Row = dict[str, Any]
-"""Values of the columns by their keys; None where there is nothing to say. `drives` are the summaries."""
+import pandas as pd
 
-WORDS = ("arena", "walls", "controller", "disturbance")
-"""Keys that name a row."""
+WORDS = ["arena", "walls", "controller", "disturbance"]
+"""Columns that name a row."""
 
-
-def total(drives: Drives, key: str) -> float:
-    return float(sum(drive.get(key, 0) for drive in drives))
+FORMS = {"drives": "{:.0f}", "simulated hours": "{:.2f}", "m driven": "{:.0f}", "pose error degrees": "{:.2f}"}
+"""How numbers are written; others with one decimal, and percentages without any."""
 
 
-def of_maps(key: str) -> Callable[[Drives], float | None]:
-    """The mean over the drives that have it."""
-
-    def value(drives: Drives) -> float | None:
-        values = [drive["map"][key] for drive in drives if drive["map"][key] is not None]
-        return mean(values) if values else None
-
-    return value
-
-
-def of_poses(key: str, factor: float = 1.0) -> Callable[[Drives], float | None]:
-    """The median over the drives of an error of the corrected pose; None without an error."""
-
-    def value(drives: Drives) -> float | None:
-        values = [factor * drive["pose_error"]["located"][key] for drive in drives if drive.get("pose_error")]
-        return median(values) if any(values) else None
-
-    return value
-
-
-COLUMNS: dict[str, tuple[str, Callable[[Drives], float | None], str]] = {
-    "count": ("drives", len, "{:.0f}"),
-    "hours": ("simulated hours", lambda d: total(d, "simulated_seconds") / 3600, "{:.2f}"),
-    "collisions_h": (
-        "collisions/h",
-        lambda d: 3600 * total(d, "collisions") / total(d, "simulated_seconds"),
-        "{:.1f}",
-    ),
-    "stops_h": ("stops/h", lambda d: 3600 * total(d, "stopped") / total(d, "simulated_seconds"), "{:.1f}"),
-    "distance_m": ("m driven", lambda d: total(d, "distance_m"), "{:.0f}"),
-    "passed": ("passed within 1 m %", lambda d: total(d, "free_area_passed") / len(d), "{:.0%}"),
-    "precision": ("map precision %", of_maps("precision"), "{:.0%}"),
-    "surfaces": ("map within 10 cm of surfaces %", of_maps("surfaces"), "{:.0%}"),
-    "recall": ("map recall %", of_maps("recall"), "{:.0%}"),
-    "pose_cm": ("pose error cm", of_poses("median_m", 100), "{:.1f}"),
-    "pose_degrees": ("pose error degrees", of_poses("median_degrees"), "{:.2f}"),
-}
-"""Heads, values over all drives of a row, and forms of the columns that are numbers."""
+def table_of(summaries: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """One row for all drives with the same words; columns in which no drive has anything to say are left out."""
+    maps = [f"map.{name}" for name in ("precision", "surfaces", "recall")]
+    errors = [f"pose_error.located.{name}" for name in ("median_m", "median_degrees")]
+    drives = pd.json_normalize(list(summaries))
+    drives = drives.reindex(columns=drives.columns.union([*WORDS, *maps, *errors]))
+    drives[WORDS] = drives[WORDS].astype(object).fillna("")
+    drives[[*maps, *errors]] = drives[[*maps, *errors]].astype(float)
+    groups = drives.groupby(WORDS, sort=False)
+    hours = groups["simulated_seconds"].sum() / 3600
+    table = pd.DataFrame(
+        {
+            "drives": groups.size(),
+            "simulated hours": hours,
+            "collisions/h": groups["collisions"].sum() / hours,
+            "stops/h": groups["stopped"].sum() / hours,
+            "m driven": groups["distance_m"].sum(),
+            "passed within 1 m %": 100 * groups["free_area_passed"].mean(),
+            "map precision %": 100 * groups[maps[0]].mean(),
+            "map within 10 cm of surfaces %": 100 * groups[maps[1]].mean(),
+            "map recall %": 100 * groups[maps[2]].mean(),
+            "pose error cm": 100 * groups[errors[0]].median(),
+            "pose error degrees": groups[errors[1]].median(),
+        }
+    ).reset_index()
+    if not (table["pose error cm"] > 0).any():
+        table = table.drop(columns=["pose error cm", "pose error degrees"])
+    return table.loc[:, (table.notna() & (table != "")).any()]
 
 
-def rows_of(summaries: Drives) -> list[Row]:
-    """One row for all drives with the same words."""
-    groups: dict[tuple[str, ...], Drives] = {}
-    for summary in summaries:
-        groups.setdefault(tuple(str(summary.get(key, "")) for key in WORDS), []).append(summary)
-    return [
-        dict(zip(WORDS, words, strict=True)) | {key: column[1](d) for key, column in COLUMNS.items()} | {"drives": d}
-        for words, d in groups.items()
-    ]
-
-
-def text_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
-    """Heads and cells of the columns in which any row has something to say."""
-    heads = dict(zip(WORDS, WORDS, strict=True)) | {key: column[0] for key, column in COLUMNS.items()}
-    kept = [key for key in heads if any(row[key] not in (None, "") for row in rows)]
+def text_cells(table: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
+    """Heads and cells as text."""
+    forms = {name: FORMS.get(name, "{:.0f}" if name.endswith("%") else "{:.1f}") for name in table}
     cells = [
-        [row[key] if key in WORDS else "" if row[key] is None else COLUMNS[key][2].format(row[key]) for key in kept]
-        for row in rows
+        [str(v) if name in WORDS else "" if pd.isna(v) else forms[name].format(v) for name, v in row.items()]
+        for row in table.to_dict("records")
     ]
-    return [heads[key] for key in kept], [[cell.removesuffix("%") for cell in row] for row in cells]
+    return list(table), cells
 
 
-def markdown(rows: Sequence[Row], note: str) -> str:
+def markdown(table: pd.DataFrame, note: str) -> str:
     """The table in Markdown, with a line below it that says how it was made."""
-    names, cells = text_cells(rows)
-    words = sum(name in WORDS for name in names)
-    lines = ["| " + " | ".join(names) + " |", "|---" * words + "|---:" * (len(names) - words) + "|"]
-    lines += ["| " + " | ".join(cell or "-" for cell in row) + " |" for row in cells]
-    return "\n".join([*lines, "", note, ""])
+    names, cells = text_cells(table)
+    rule = "|".join("---" if name in WORDS else "---:" for name in names)
+    rows = ["| " + " | ".join(cell or "-" for cell in row) + " |" for row in (names, *cells)]
+    return "\n".join([*rows[:1], f"|{rule}|", *rows[1:], "", note, ""])
