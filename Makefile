@@ -112,11 +112,8 @@ audit: $(SUPPLY)/bin/uv
 	$(SUPPLY)/bin/uv export -q --frozen --all-packages --all-extras --all-groups --no-emit-workspace -o out/locked.txt
 	$(SUPPLY)/bin/pip-audit --require-hashes --disable-pip -r out/locked.txt
 
-# A video of a road camera that B9 looks at, where there is one.
-CLIP := $(wildcard ../shared/data/car-detection.mp4)
-
 reproduce: $(STAMP)
-	$(BIN)/ndtorch reproduce $(addprefix --clip ,$(CLIP))
+	$(BIN)/ndtorch reproduce
 
 reproduce-quick: $(STAMP)
 	$(BIN)/ndtorch reproduce --quick --out out/reproduce-quick

@@ -101,7 +101,6 @@ CASES = {
         sweep bindin => did you mean binding?
         sweep binding --cluster a b
         reproduce BB5 => did you mean B5?
-        reproduce A3 --clip nowhere.mp4
     """,
 }
 """What is typed, under headings."""

@@ -1,4 +1,4 @@
-"""All plots of training: panels of outputs and weights, tables of benchmarks, heat maps of sweeps."""
+"""All plots of training: panels of outputs and weights, reliability of confidence, heat maps of sweeps."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from torch import Tensor
 
 from ndtorch.report.page import Shown
 from ndtorch.report.plots import STYLES, draw_matrix, draw_traces
-from ndtorch.utils.files import replacing
 from ndtorch.vision import FEATURES
 
 if TYPE_CHECKING:
@@ -27,41 +26,19 @@ PALETTE = (BLUE, YELLOW, GREEN, PURPLE, SKY, ORANGE, "#666666", "#000000")
 DPI = 110
 
 
-def save(figure: Figure, path: Path) -> Path:
-    """Write a figure; an unfinished file never takes the place of an old one."""
-    with replacing(path) as beside:
-        figure.savefig(beside, format=path.suffix[1:], dpi=DPI)
-    return path
-
-
-def panels(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, list[Axes]]:
-    """A figure of `width` x `height` inches with a grid of axes, in the order of reading."""
+def panels(layout: Any, width: float, height: float, **options: Any) -> tuple[Figure, list[Axes]]:
+    """A figure of `width` x `height` inches and its axes, laid out as a mosaic such as "aa;bc"."""
     from matplotlib.figure import Figure
 
     figure = Figure((width, height), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, **options)
-    return figure, list(axes.flat)
-
-
-def letters(figure: Figure, first: str = "a") -> None:
-    """(a), (b), ... before the titles of a figure of several panels."""
-    axes = [one for one in figure.axes if one.get_label() != "<colorbar>"]
-    for n, one in enumerate(axes if len(axes) > 1 else (), ord(first)):
-        one.set_title(f"({chr(n)}) {one.get_title()}", fontsize=10, loc="left")
-        one.set_title("")
+    return figure, list(figure.subplot_mosaic(layout, **options).values())
 
 
 def output_panel(
-    axes: Axes,
-    time: Tensor,
-    outputs: Tensor,
-    title: str,
-    bold: list[str],
-    until: float | None = None,
-    since: float = -1.0,
+    axes: Axes, time: Tensor, outputs: Tensor, title: str, bold: Sequence[str] = (), until: float = np.inf
 ) -> None:
     """Outputs of the second stage over the time since learning began."""
-    shown = (time >= since) & (time <= (float(time[-1]) if until is None else until))
+    shown = (time >= 0) & (time <= until)
     axes.axhline(0, color="0.75", lw=0.8, zorder=0)
     names = [FEATURES.index(name) for name in bold]
     draw_traces(axes, time[shown].numpy(), outputs[shown].numpy(), range(10), names)
@@ -106,7 +83,7 @@ def bare(axes: Axes, image: Any, title: str = "") -> None:
 
 def draw_reliability(rows: list[dict[str, Any]], folder: Path) -> list[Shown]:
     """Ratio of right answers against confidence; areas grow with the root of the number of answers."""
-    figure, (one,) = panels(1, 1, 4, 4)
+    figure, (one,) = panels("a", 4, 4)
     one.plot([0, 1], [0, 1], color="0.7", lw=1)
     for row, color in zip(rows, PALETTE, strict=False):
         answers, right, confidence = (np.array(part)[np.array(row["bins"][0]) > 0] for part in row["bins"])
@@ -116,82 +93,39 @@ def draw_reliability(rows: list[dict[str, Any]], folder: Path) -> list[Shown]:
     one.set(xlabel="confidence", ylabel="ratio of right answers", xlim=(0, 1.05), ylim=(-0.05, 1.05))
     one.grid(color="0.9")
     one.legend(fontsize=8)
-    path = save(figure, folder / "reliability.png")
+    path = folder / "reliability.png"
+    figure.savefig(path, dpi=DPI)
     return [Shown(path, "Reliability of the confidence", "A calibrated confidence lies on the diagonal.")]
 
 
-def draw_ranges(left: Any, row: Any, column: Any, kinds: dict[str, Any], path: Path) -> Path:
-    """The left image with a point at every range.
-
-    Args:
-        left: grey, `[H, W]`.
-        row, column: of the ranges, `[n]`.
-        kinds: which of them are "unknown", "right" and "wrong", `[n]` bool each.
-        path: to write.
-    """
-    from matplotlib.figure import Figure
-
-    height, width = left.shape
-    figure = Figure(figsize=(9.0, 9.0 * height / width))
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.imshow(left, cmap="gray", vmin=-80, vmax=335)
-    axes.set_axis_off()
-    for (name, chosen), color in zip(kinds.items(), ("#999999", BLUE, YELLOW), strict=True):
-        axes.plot(column[chosen], row[chosen], ".", ms=5, color=color, mew=0, label=name)
-    return save(figure, path)
-
-
-UNITS = {
-    "phase": "degrees", "offset": "px", "gamma": "1/s", "tau_in": "s", "tau_out": "s", "tau_onset": "s", "window": "s",
-    "seconds": "s", "reach": "m", "min_disparity": "px", "max_disparity": "px", "features": "a frame",
-}  # fmt: skip
-"""Units of the parameters of sweeps."""
-
-
-def draw_heat_map(frame: pandas.DataFrame, axes: Sequence[str], value: str, title: str, path: Path) -> Path:
+def draw_heat_map(frame: pandas.DataFrame, axes: Sequence[str], value: str, title: str, path: Path) -> None:
     """Means of a result over two parameters, a panel for each of at most six values of a third.
 
     Args:
         frame: a row a trial.
-        axes: names of the parameters along x, along y, and from panel to panel; "" for none.
+        axes: names of one to three parameters: along x, along y, and from panel to panel.
         value: name of the result.
         title: of the sweep.
         path: to write.
     """
-    import matplotlib
     import pandas
 
-    x, y, by = axes
-    frame = frame.assign(**{name: binned(frame[name]) for name in (x, y) if name})
-    kinds = sorted(frame[by].unique())[:6] if by else [None]
-    figure, shown = panels(1, len(kinds), 1.2 + 5.2 * len(kinds), 4.6, sharey=True)
-    numbers = frame[value].astype(float)
+    means = frame.assign(**{value: frame[value].astype(float)})
+    for name in axes[:2]:
+        if means[name].nunique() > 40:  # a random sweep: the lower edges of twelve bins
+            means[name] = pandas.qcut(means[name], 12, duplicates="drop").map(lambda bin: bin.left).astype(float)
+    parts = [(value, means)] if len(axes) < 3 else [(f"{axes[2]} {k}", part) for k, part in means.groupby(axes[2])][:6]
+    figure, shown = panels([[str(n) for n in range(len(parts))]], 1.2 + 5.2 * len(parts), 4.6)
+    numbers = means[value]
     low, high = (0.0, 1.0) if numbers.between(0, 1).all() else (numbers.min(), numbers.max())
-    colors = matplotlib.colormaps["cividis"].with_extremes(bad="0.9")
-    for one, kind in zip(shown, kinds, strict=True):
-        part = frame if kind is None else frame[frame[by] == kind]
-        means = pandas.pivot_table(part.assign(**{value: numbers}), value, [y] if y else [], [x])
-        image: Any = one.imshow(means, origin="lower", aspect="auto", cmap=colors, vmin=low, vmax=high)
-        for axis, labels in ((one.xaxis, means.columns), (one.yaxis, means.index)):
+    for one, (name, part) in zip(shown, parts, strict=True):
+        table = part.pivot_table(value, list(axes[1:2]), axes[0])
+        image = one.imshow(table, origin="lower", aspect="auto", cmap="cividis", vmin=low, vmax=high)
+        for axis, labels in ((one.xaxis, table.columns), (one.yaxis, table.index)):
             step = -(-len(labels) // 12)
             names = [f"{label:.3g}" if isinstance(label, float) else str(label) for label in labels[::step]]
             axis.set_ticks(range(0, len(labels), step), names)
-        one.set(xlabel=with_unit(x), title=f"{by} {kind}" if by else value)
-    shown[0].set_ylabel(with_unit(y))
+        one.set(title=name, xlabel=axes[0], ylabel="".join(axes[1:2]))
     figure.colorbar(image, ax=shown, label=value)
     figure.suptitle(f"{title}: mean {value} of {len(frame)} trials", fontsize=11)
-    return save(figure, path)
-
-
-def with_unit(name: str) -> str:
-    """A parameter with its unit."""
-    return f"{name} ({UNITS[name]})" if name in UNITS else name
-
-
-def binned(values: pandas.Series) -> pandas.Series:
-    """More than 40 different numbers as the lower edges of twelve bins."""
-    import pandas
-
-    if values.nunique() <= 40:
-        return values
-    return pandas.qcut(values, 12, duplicates="drop").map(lambda bin: bin.left).astype(float)
+    figure.savefig(path, dpi=DPI)

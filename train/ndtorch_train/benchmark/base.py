@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 Split = Literal["tune", "test"]
 """Choose constants on the one, report the other: their seeds have none in common."""
 
+BAR = "\\|"
+"""A bar in a cell of a Markdown table."""
+
 Row = dict[str, Any]
 """Values by name, fit for JSON; None where there is none."""
 
@@ -78,12 +81,12 @@ class Benchmark:
     def run(self, folder: Path, jobs: int, fresh: bool, report: Callable[[str], None]) -> Result:
         """Run the tasks that have no rows in this folder yet, and write all files.
 
-        Rows of other options are not used: the folder begins anew.
+        Rows of other settings are not used: the folder begins anew.
         """
         from ndtorch.report.page import versions
 
-        settings = {"benchmark": self.name, "tasks": [task.key for task in self.tasks], **self.settings}
-        settings = json.loads(json.dumps(settings | versions("ndtorch-train"), default=str))
+        settings = {"benchmark": self.name, **self.settings, **versions("ndtorch-train")}
+        settings = json.loads(json.dumps(settings, default=str))
         file, kept, failed = folder / "rows.jsonl", dict[str, list[Row]](), dict[str, str]()
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -134,10 +137,11 @@ class Benchmark:
             lines.append(line)
         heads = [column.head for column in self.columns]
         text = f"{self.note}\n\n" + "\n".join(
-            f"| {' | '.join(line)} |" for line in (heads, ["---"] * len(heads), *lines)
+            f"| {' | '.join(cell.replace('|', BAR) for cell in line)} |"
+            for line in (heads, ["---"] * len(heads), *lines)
         )
         (folder / f"{self.name}.md").write_text(text + "\n", encoding="utf-8")
-        table = Table("Scores", heads, [[cell.strip("*") for cell in line] for line in lines])
+        table = Table("Results", heads, [[cell.strip("*") for cell in line] for line in lines])
         shown = self.draw(rows, folder) if rows else []
         Page(self.title, [self.note], command_line(), versions("ndtorch-train"), [table], shown).write(folder)
         return text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ import tyro
 
 from ndtorch.errors import InputError
 from ndtorch.utils.workers import cores
-from ndtorch_train.benchmark.base import Benchmark, Split
+from ndtorch_train.benchmark.base import Benchmark, Result, Split
 
 
 @dataclass(frozen=True)
@@ -36,15 +37,16 @@ class Options:
 
     def run(self) -> int:
         """Measure and write; returns the exit code."""
+        made = self.benchmark()
+        return self.measure(made, self.out or Path("out/benchmark") / made.name).report(self.json, self.open)
+
+    def measure(self, made: Benchmark, out: Path) -> Result:
+        """Run a benchmark; each task that is done is printed."""
         jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
             raise InputError(f"--jobs must be at least 1, got {jobs}")
-        made = self.benchmark()
-        out = self.out or Path("out/benchmark") / made.name
-        return made.run(out, jobs, self.fresh, self._tell).report(self.json, self.open)
-
-    def _tell(self, words: str) -> None:
-        print(words, file=sys.stderr if self.json else sys.stdout, flush=True)
+        tell = functools.partial(print, file=sys.stderr if self.json else sys.stdout, flush=True)
+        return made.run(out, jobs, self.fresh, tell)
 
 
 @dataclass(frozen=True)

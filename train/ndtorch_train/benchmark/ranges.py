@@ -22,7 +22,6 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import FeatureParams, MatchParams, SearchParams, StereoRanging, StereoRig
 from ndtorch.report.page import Shown
 from ndtorch_train.benchmark.base import Benchmark, Column, Row, Task
-from ndtorch_train.plots import draw_ranges
 
 Image = npt.NDArray[np.uint8]
 Disparity = npt.NDArray[np.float32]
@@ -138,11 +137,12 @@ def spoiled(image: Image, noise: float, exposure: float, rng: np.random.Generato
 
 
 def draw_pair(pair: Pair, found: Found, path: Path) -> None:
-    """Where ranges were found in the left image, and which are right to 10 %."""
-    true = pair.truth[found.row, found.column]
-    right = np.abs(true / found.disparity - 1) <= 0.1
-    kinds = {"unknown": true <= 0, "right": (true > 0) & right, "wrong": (true > 0) & ~right}
-    draw_ranges(pair.left, found.row, found.column, kinds, path)
+    """The left image with a point at every range: blue right to 10 %, orange not, grey unknown."""
+    true, image = pair.truth[found.row, found.column], cv2.cvtColor(pair.left, cv2.COLOR_GRAY2BGR)
+    for row, column, far, known in zip(found.row, found.column, abs(true / found.disparity - 1), true > 0, strict=True):
+        color = (178, 114, 0) if known and far <= 0.1 else (0, 159, 230) if known else (153, 153, 153)
+        cv2.circle(image, (int(column), int(row)), 2, color, -1)
+    cv2.imwrite(str(path), image)
 
 
 def judge(found: Found, truth: Disparity) -> Row:

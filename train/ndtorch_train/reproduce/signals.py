@@ -1,4 +1,4 @@
-"""Sums and runs of the binding model that several experiments share."""
+"""Sums and runs of the binding model that several experiments share: 4 s to settle, 15 s to learn."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from ndtorch.binding import PublishedModel, object_table
 from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.scenes import make_scene
-from ndtorch.utils.tensors import mapped
 from ndtorch.vision import FEATURES
 from ndtorch_train.plots import feature_legend, matrix_panel, output_panel, panels
 from ndtorch_train.reproduce.experiment import Context
@@ -22,7 +21,6 @@ from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars, rendered
 
 PAIR = ["red", "green"]
 N_RED, N_GREEN, N_BLUE = (FEATURES.index(name) for name in ("red", "green", "blue"))
-SETTLE = 4.0
 
 
 def rendered(context: Context, name: str, **options: Any) -> Tensor:
@@ -33,19 +31,17 @@ def rendered(context: Context, name: str, **options: Any) -> Tensor:
 
 
 def superposed(
-    context: Context, phases: Sequence[float], offsets: Sequence[float], seconds: float
-) -> tuple[Tensor, ...]:
+    context: Context, phases: Sequence[float], offsets: Sequence[float], seconds: float = 19.0
+) -> tuple[Tensor, Tensor, Tensor]:
     """Sums of lone bars: red `[T, 10]`, green `[phases, T, 10]`, blue `[offsets, T, 10]`. See `train.superposed`."""
 
     def make() -> dict[str, Any]:
-        parts: dict[str, Any] = {}
-        for name, bar in film_bars()._asdict().items():
-            parts |= {name: bar.sums.numpy(), f"{name}_place": np.array([bar.x, bar.speed])}
-        return parts
+        bars = film_bars()._asdict()
+        places = {f"{name}_place": np.array([bar.x, bar.speed]) for name, bar in bars.items()}
+        return {name: bar.sums.numpy() for name, bar in bars.items()} | places
 
     got = context.stored("bars", {}, make)
-    bars = Bars(*(LoneBar(torch.from_numpy(got[n]), *map(float, got[f"{n}_place"])) for n in Bars._fields))
-    stimuli = Stimuli(bars)
+    stimuli = Stimuli(Bars(*(LoneBar(torch.from_numpy(got[n]), *map(float, got[f"{n}_place"])) for n in Bars._fields)))
     return stimuli.red(seconds), stimuli.green(phases, seconds), stimuli.blue(offsets, seconds)
 
 
@@ -74,20 +70,20 @@ class Run(NamedTuple):
         return weights
 
 
-def learn(sums: Tensor, model: PublishedModel | None = None, gamma: Tensor | None = None, **options: Any) -> Run:
+def learn(sums: Tensor, model: PublishedModel | None = None, gamma: float | None = None, **options: Any) -> Run:
     """Run the model over sums `[..., T, 10]`, sampling the weights ten times a second.
 
     Args:
         sums: one trial or a batch.
         model: instead of the shipped one with `options`.
-        gamma: a learning rate for each trial of the batch.
+        gamma: another learning rate.
     """
     if model is None:
         loaded = ndtorch.load("published", **options)
         assert isinstance(loaded, PublishedModel)
         model = loaded
     if gamma is not None:
-        model.second = second_stage(model.config, gamma)
+        model.second = second_stage(model.config, torch.tensor(gamma))
     state, outputs, weights = None, [], []
     with torch.inference_mode():
         for part in torch.split(sums, 10, -2):
@@ -96,44 +92,23 @@ def learn(sums: Tensor, model: PublishedModel | None = None, gamma: Tensor | Non
             weights.append(state.second.weights)
     assert state is not None
     out = torch.cat(outputs, -2)
-    dt = model.dt
-    time = torch.arange(out.shape[-2], dtype=torch.float64) * dt - model.settle
-    ends = torch.arange(1, len(weights) + 1, dtype=torch.float64) * 10 * dt - model.settle
+    time = torch.arange(out.shape[-2], dtype=torch.float64) * model.dt - model.settle
+    ends = torch.arange(1, len(weights) + 1, dtype=torch.float64) * 10 * model.dt - model.settle
     return Run(model, time, out, ends, torch.stack(weights, -3), state)
 
 
-def one_trial(state: BindingState, index: int) -> BindingState:
-    """The state of one trial of a batch `[B]`."""
-
-    def pick(name: str, part: Tensor) -> Tensor:
-        return part if part.ndim == 0 or name.startswith("resample") else part[index]
-
-    return mapped(state._replace(motion=None), pick)
-
-
-def owners(weights: Tensor) -> list[str]:
+def owners(weights: Tensor, threshold: float | None = None) -> list[str]:
     """Names of the neurons that own an object by the printed read-out alone. [C §4.1]"""
-    return [FEATURES[k] for k in object_table(weights).owners.nonzero().flatten().tolist()]
+    table = object_table(weights) if threshold is None else object_table(weights, threshold)
+    return [FEATURES[k] for k in table.owners.nonzero().flatten().tolist()]
 
 
-def share_in(weights: Tensor, columns: Sequence[int]) -> float:
-    """Share of all weight that lies in those columns."""
-    return float(weights[:, list(columns)].sum() / weights.sum())
-
-
-def draw_runs(
-    context: Context,
-    runs: Sequence[tuple[str, Run, list[str], float | None]],
-    name: str,
-    title: str,
-    caption: str,
-    height: float = 4.7,
-    **parameters: Any,
-) -> None:
-    """A row for each run: its outputs, some of them bold, until some second; and its simplified weights."""
-    figure, axes = panels(len(runs), 2, 13, height * len(runs), width_ratios=[1.5, 1])
-    for k, (words, run, bold, until) in enumerate(runs):
-        output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {words}", bold, until, 0.0)
+def draw_runs(context: Context, runs: dict[str, Run], name: str, title: str, caption: str, until: float = 10.0) -> None:
+    """A row for each run: its outputs, those of owners bold, until some second; and its simplified weights."""
+    rows = [[f"{k}", f"{k} weights"] for k in range(len(runs))]
+    figure, axes = panels(rows, 13, 4.7 * len(runs), width_ratios=[1.5, 1])
+    for k, (words, run) in enumerate(runs.items()):
+        output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {words}", owners(run.final), until)
         matrix_panel(axes[2 * k + 1], run.final, f"weights, {words}", simplified=True)
     feature_legend(figure)
-    context.draw(name, figure, title, caption, **parameters)
+    context.draw(name, figure, title, caption)
