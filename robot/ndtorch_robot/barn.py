@@ -74,7 +74,7 @@ class BarnWorld:
         left, right, bottom, top = min(xs) - AROUND, max(xs) + AROUND, min(ys) - AROUND, max(ys) + AROUND
         hall = ring([(left, bottom), (right, bottom), (right, top), (left, top)])
         solids = tuple(cylinder(x, y, self.radius, self.height) for x, y in self.cylinders)
-        return Plan(f"barn-{self.number}", hall, solids, self.start)
+        return Plan(f"barn-{self.number}", hall, solids, self.start).check()
 
 
 def read_worlds(file: Path) -> list[BarnWorld]:

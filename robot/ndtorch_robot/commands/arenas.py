@@ -14,12 +14,12 @@ class Arenas:
     """Print the arenas as one JSON object, and nothing else."""
 
     def run(self) -> int:
-        from ndtorch_robot.sim.arenas import ARENAS
+        from ndtorch_robot.sim.arenas import ARENAS, describe_arena, load_arena
 
         listed = {}
-        for name, make in ARENAS.items():
-            left, right, bottom, top = make(0).bounds
-            words = (make.__doc__ or "").splitlines()[0]
+        for name in ARENAS:
+            left, right, bottom, top = load_arena(name).bounds
+            words = describe_arena(name)
             listed[name] = {"width_m": right - left, "depth_m": top - bottom, "description": words}
             if not self.json:
                 print(f"{name:10s} {right - left:4.0f} x {top - bottom:<3.0f} m  {words}")

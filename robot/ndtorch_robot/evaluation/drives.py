@@ -20,6 +20,7 @@ from ndtorch.utils.files import TABLE_BYTES, read_text, write_text
 from ndtorch.utils.packages import code_digest, toml_file
 from ndtorch_robot.config import DriveConfig, RobotOptions
 from ndtorch_robot.ports import Step
+from ndtorch_robot.sim.arenas import FILES
 
 REPORT_EVERY = 0.5
 """Seconds between two reports of a worker."""
@@ -123,7 +124,7 @@ def key_of(options: RobotOptions) -> list[Any]:
     """What a drive depends on beside the code: its options, and the files of its arena and its robot."""
     values = {name: v for name, v in asdict(options).items() if name not in ("out", "rrd", "view", "record")}
     arena = values.get("arena", "")
-    files = [Path(arena)] if arena.endswith(".toml") else []
+    files = [toml_file(Path(arena), "ndtorch_robot", "arenas")] if arena.endswith(".toml") or arena in FILES else []
     files += [] if options.robot is None else [toml_file(options.robot, "ndtorch_robot", "configs")]
     return [values, *map(read_text, files)]
 

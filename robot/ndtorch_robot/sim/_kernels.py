@@ -15,42 +15,6 @@ from ndtorch.utils.jit import jit
 
 Array = Any
 
-i32, u32, f32, u8 = np.int32, np.uint32, np.float32, np.uint8
-PAIR, BYTE, HALF, ALL = u32(0xFF00FF), u32(8), u32(0x800080), u32(256)
-MIDDLE = f32(128.5)
-"""Half a texel of the border, and half a unit to round with, in 256ths of a texel."""
-ONE = i32(0x3F800000)
-"""The bits of 1.0: a float's bits less these are its binary logarithm, straight from power to power."""
-
-
-@jit
-def mix(a: Any, b: Any, share: Any) -> Any:
-    """`a` and `b` mixed, with `share` 256ths of `b`, rounded; two channels each."""
-    weighed = u32(u32(a * u32(ALL - share)) + u32(b * share))
-    mixed: Any = u32(u32(u32(weighed + HALF) >> BYTE) & PAIR)
-    return mixed
-
-
-@jit
-def bilinear(u: float, v: float, texels: Array, start: int, stride: int, wide: float, high: float) -> tuple[Any, Any]:
-    """A mipmap's color between four texels: red with blue, and green.
-
-    Args:
-        u, v: 0..1 of its width and height.
-        texels: `[N]` uint32: red, green, blue from the lowest byte; each mipmap has a border of one texel.
-        start, stride: where the mipmap begins, and its texels from row to row.
-        wide, high: its size in 256ths of a texel.
-    """
-    s, t = i32(u * wide + MIDDLE), i32(v * high + MIDDLE)
-    x, y = u32(s & 255), u32(t & 255)
-    at = i32(i32(start + i32(i32(t >> 8) * stride)) + i32(s >> 8))
-    a, b, c, d = texels[at], texels[at + 1], texels[at + stride], texels[at + stride + 1]
-    above = mix(u32(a & PAIR), u32(b & PAIR), x)
-    below = mix(u32(c & PAIR), u32(d & PAIR), x)
-    green_above = mix(u32(u32(a >> BYTE) & PAIR), u32(u32(b >> BYTE) & PAIR), x)
-    green_below = mix(u32(u32(c >> BYTE) & PAIR), u32(u32(d >> BYTE) & PAIR), x)
-    return mix(above, below, y), mix(green_above, green_below, y)
-
 
 @jit
 def rasterise(
@@ -63,13 +27,13 @@ def rasterise(
     reach: tuple[float, float],
     out: Array,
 ) -> None:
-    """Draw parts of frames of textured or plain triangles with trilinear mipmaps, as OpenGL drivers do.
+    """Draw parts of frames of textured or plain triangles with trilinear mipmaps.
 
     Args:
         corners: see `visible_triangles`, `[N, 3, 5]`.
         surface: `[N]` int32: number of the texture, or -1 less a color of 24 bits.
-        texels: see `bilinear`.
-        mipmaps: of each texture, `[P, L, 3]` int32, see `bilinear`; a width of 0 is none.
+        texels: `[T]` uint32: red, green, blue from the lowest byte; each mipmap has a border of one texel.
+        mipmaps: of each texture, `[P, L, 3]` int32: where it begins, its width and its height in texels.
         cameras: `[C, 4, 3]` float64, see `visible_triangles`.
         parts: `[n, 6]` int64: number of the camera; top, bottom, left and right in its frame; the first pixel in `out`.
             Those of one camera follow each other.
@@ -78,166 +42,67 @@ def rasterise(
     """
     widest, many = (parts[:, 4] - parts[:, 3]).max(), corners.shape[0]
     triangle, number, some = np.empty((many, 6, 3)), np.empty(many, np.int64), np.empty(many, np.int64)
-    rows, ends = np.empty((many, 2), np.int64), np.empty((many, 2, 5, 2))
-    nearest, which, line = np.empty(widest, np.float32), np.empty(widest, np.int32), np.empty(widest, np.uint32)
-    u, v, square = np.empty(widest, np.float32), np.empty(widest, np.float32), np.empty(widest, np.float32)
-    ramp, sizes = np.arange(widest).astype(np.float32), np.empty(widest, np.int32)
-    bits, aimed, count = square.view(np.int32), np.int64(-1), 0
+    rows, ends, color = np.empty((many, 2), np.int64), np.empty((many, 2, 5, 2)), np.empty(3)
+    nearest, which, aimed, count = np.empty(widest), np.empty(widest, np.int64), np.int64(-1), 0
     for k in range(parts.shape[0]):
         camera, top, bottom, left, right, start = parts[k]
         if camera != aimed:
             count, aimed = visible_triangles(corners, cameras[camera], reach[0], triangle, number), camera
-        few, width = 0, right - left
+        few = 0
         for n in range(count):
             if bounds(triangle[n], (top, bottom, left, right), reach, rows[few], ends[few]):
                 some[few] = n
                 few += 1
         for row in range(top, bottom):
-            depth_test(triangle, some[:few], rows, ends, row, left, ramp, nearest[:width], which[:width])
-            x = 0
-            while x < width:
-                end, n = x + 1, which[x]
-                while end < width and which[end] == n:
-                    end += 1
-                if n < 0 or surface[number[n]] < 0:
-                    line[x:end] = 0 if n < 0 else -1 - surface[number[n]]
-                else:
-                    mipmap = mipmaps[surface[number[n]]]
-                    texture_coordinates(triangle[n], row, left + x, mipmap[0], ramp, u[x:end], v[x:end], square[x:end])
-                    shade(u[x:end], v[x:end], bits[x:end], sizes[x:end], texels, mipmap, line[x:end])
-                x = end
-            for x in range(width):
-                pixel = out[start + x]
-                pixel[0], pixel[1], pixel[2] = u8(line[x]), u8(line[x] >> 8), u8(line[x] >> 16)
-            start += width
+            nearest[:] = 0
+            which[:] = -1
+            for i in range(few):
+                if rows[i, 0] <= row < rows[i, 1]:
+                    first, end = span(ends[i], row)
+                    slope, base = triangle[some[i], 3, 0], triangle[some[i], 3, 1] * row + triangle[some[i], 3, 2]
+                    for x in range(first, end):
+                        if slope * x + base > nearest[x - left]:
+                            nearest[x - left], which[x - left] = slope * x + base, some[i]
+            for x in range(left, right):
+                n, pixel = which[x - left], out[start + x - left]
+                plain = 0 if n < 0 else -1 - surface[number[n]]
+                if n >= 0 and plain < 0:
+                    shade(triangle[n], x, row, texels, mipmaps[surface[number[n]]], color)
+                for c in range(3):
+                    pixel[c] = np.uint8(color[c]) if n >= 0 and plain < 0 else np.uint8(plain >> 8 * c & 255)
+            start += right - left
 
 
 @jit
-def depth_test(
-    triangle: Array,
-    some: Array,
-    rows: Array,
-    ends: Array,
-    row: int,
-    left: int,
-    ramp: Array,
-    nearest: Array,
-    which: Array,
-) -> None:
-    """The nearest triangle at every column of a row, -1 where there is none."""
-    nearest[:] = 0
-    which[:] = -1
-    for k in range(some.shape[0]):
-        if rows[k, 0] <= row < rows[k, 1]:
-            n, (first, end) = i32(some[k]), span(ends[k], row)
-            slope = f32(triangle[n, 3, 0])
-            begin = f32(triangle[n, 3, 0] * first + triangle[n, 3, 1] * row + triangle[n, 3, 2])
-            if first < end:
-                update_depth(slope, begin, n, ramp, nearest[first - left : end - left], which[first - left :])
-
-
-@jit
-def update_depth(slope: float, begin: float, n: int, ramp: Array, nearest: Array, which: Array) -> None:
-    """Enter this triangle where it is nearer than all so far."""
-    for x in range(nearest.shape[0]):
-        depth = slope * ramp[x] + begin
-        which[x] = n if depth > nearest[x] else which[x]
-        nearest[x] = max(depth, nearest[x])
-
-
-@jit
-def texture_coordinates(
-    triangle: Array, row: int, left: int, mipmap: Array, ramp: Array, u: Array, v: Array, square: Array
-) -> None:
-    """Texture coordinates along some columns of a row, and how many texels a pixel spans, squared."""
-    wide, high = f32(mipmap[1]), f32(mipmap[2])
+def shade(triangle: Array, column: int, row: int, texels: Array, mipmaps: Array, color: Array) -> None:
+    """The color `[3]` of a pixel, between the two mipmaps whose texels are about as large as it is, and a half."""
     depth, across, up = triangle[3], triangle[4], triangle[5]
-    q, s = depth[0] * left + depth[1] * row + depth[2], across[0] * left + across[1] * row + across[2]
-    t = up[0] * left + up[1] * row + up[2]
-    # Whole repetitions of the texture are subtracted before numbers are rounded to 24 bits.
-    turn, turn_up = np.floor(s / q), np.floor(t / q)
-    q0, s0, t0 = f32(q), f32(s - turn * q), f32(t - turn_up * q)
-    qx, sx, tx = f32(depth[0]), f32(across[0] - turn * depth[0]), f32(up[0] - turn_up * depth[0])
-    qy, sy, ty = f32(depth[1]), f32(across[1] - turn * depth[1]), f32(up[1] - turn_up * depth[1])
-    for k in range(u.shape[0]):
-        x = ramp[k]
-        far = f32(1) / (qx * x + q0)
-        a, b = (sx * x + s0) * far, (tx * x + t0) * far
-        u[k], v[k] = a - np.floor(a), b - np.floor(b)
-        along_u, along_v = (sx - a * qx) * wide, (tx - b * qx) * high
-        down_u, down_v = (sy - a * qy) * wide, (ty - b * qy) * high
-        square[k] = max(along_u * along_u + along_v * along_v, down_u * down_u + down_v * down_v) * far * far
+    far = 1 / (depth[0] * column + depth[1] * row + depth[2])
+    u = (across[0] * column + across[1] * row + across[2]) * far
+    v = (up[0] * column + up[1] * row + up[2]) * far
+    square = 1.0
+    for k in range(2):
+        along = (across[k] - u * depth[k]) * far * mipmaps[0, 1]
+        down = (up[k] - v * depth[k]) * far * mipmaps[0, 2]
+        square = max(square, along * along + down * down)
+    level = min(0.5 * math.log2(square), mipmaps.shape[0] - 1.001)
+    first = int(level)
+    color[:] = 0.5
+    add_bilinear(u - math.floor(u), v - math.floor(v), texels, mipmaps[first], first + 1 - level, color)
+    if level > first:
+        add_bilinear(u - math.floor(u), v - math.floor(v), texels, mipmaps[first + 1], level - first, color)
 
 
 @jit
-def sample_bilinear(u: Array, v: Array, texels: Array, mipmap: Array, line: Array) -> None:
-    """Colors `[n]` of one mipmap. `mipmap`: where it begins, its width and its height in texels, `[3]` int32."""
-    start, stride = mipmap[0], i32(mipmap[1] + 2)
-    wide, high = f32(mipmap[1] * 256), f32(mipmap[2] * 256)
-    for k in range(line.shape[0]):
-        both, green = bilinear(u[k], v[k], texels, start, stride, wide, high)
-        line[k] = u32(both | u32(green << BYTE))
-
-
-@jit
-def sample_trilinear(u: Array, v: Array, shares: Array, texels: Array, mipmaps: Array, line: Array) -> None:
-    """Colors `[n]` between two mipmaps.
-
-    Args:
-        shares: weight of the second mipmap, 256ths in the lowest eight bits, `[n]` int32.
-        mipmaps: two, each as `mipmap` of `sample_bilinear`, `[2, 3]`.
-    """
-    start, stride = mipmaps[0, 0], i32(mipmaps[0, 1] + 2)
-    wide, high = f32(mipmaps[0, 1] * 256), f32(mipmaps[0, 2] * 256)
-    next_start, next_stride = mipmaps[1, 0], i32(mipmaps[1, 1] + 2)
-    next_wide, next_high = f32(mipmaps[1, 1] * 256), f32(mipmaps[1, 2] * 256)
-    for k in range(line.shape[0]):
-        both, green = bilinear(u[k], v[k], texels, start, stride, wide, high)
-        small, small_green = bilinear(u[k], v[k], texels, next_start, next_stride, next_wide, next_high)
-        share = u32(shares[k] & 255)
-        line[k] = u32(mix(both, small, share) | u32(mix(green, small_green, share) << BYTE))
-
-
-@jit
-def shade(u: Array, v: Array, bits: Array, sizes: Array, texels: Array, mipmaps: Array, line: Array) -> None:
-    """Colors of some columns, from the mipmaps whose texels are about as large as a pixel.
-
-    Args:
-        bits: of the squares that `texture_coordinates` found, as int32.
-        sizes: becomes twice the logarithm of those, in 256ths.
-    """
-    last = 0
-    while last + 1 < mipmaps.shape[0] and mipmaps[last + 1, 1] > 0:
-        last += 1
-    least, most = mipmap_levels(bits, i32(last << 8), sizes)
-    if most == 0:
-        sample_bilinear(u, v, texels, mipmaps[0], line)
-        return
-    first, end = 0, line.shape[0]
-    while first < end:
-        level, until = sizes[first] >> 8, end
-        if least >> 8 != most >> 8:
-            until = first + 1
-            while until < end and sizes[until] >> 8 == level:
-                until += 1
-        pair = mipmaps[min(level, last - 1) :]
-        if level == last:
-            sample_bilinear(u[first:until], v[first:until], texels, mipmaps[last], line[first:until])
-        else:
-            sample_trilinear(u[first:until], v[first:until], sizes[first:until], texels, pair, line[first:until])
-        first = until
-
-
-@jit
-def mipmap_levels(bits: Array, most: Any, sizes: Array) -> tuple[Any, Any]:
-    """Levels in 256ths, from 0 to `most`; the smallest and the largest of them."""
-    low: Any = most
-    high: Any = i32(0)
-    for k in range(sizes.shape[0]):
-        size = min(max(i32(i32(bits[k] - ONE) >> i32(16)), i32(0)), most)
-        sizes[k] = size
-        low, high = min(low, size), max(high, size)
-    return low, high
+def add_bilinear(u: float, v: float, texels: Array, mipmap: Array, weight: float, color: Array) -> None:
+    """Add the color of a mipmap between four texels, at 0..1 of its width and height."""
+    s, t, stride = u * mipmap[1] + 0.5, v * mipmap[2] + 0.5, mipmap[1] + 2
+    x, y = int(s), int(t)
+    for k in range(4):
+        texel = np.int64(texels[mipmap[0] + (y + (k >> 1)) * stride + x + (k & 1)])
+        part = weight * (s - x if k & 1 else 1 + x - s) * (t - y if k >> 1 else 1 + y - t)
+        for c in range(3):
+            color[c] += part * (texel >> 8 * c & 255)
 
 
 @jit

@@ -1,7 +1,7 @@
 """Arenas: functions from a seed to a plan.
 
 The seed moves the walls of hallway, curve, loop and room about, and lays out office and random. No controller was
-developed in the others: floors, thin and low obstacles, narrow places.
+developed in the others: floors, thin and low obstacles, narrow places. Those with one layout are files.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ndtorch.errors import InputError, did_you_mean
-from ndtorch.utils.toml import Strict, read_toml
+from ndtorch.utils.packages import toml_file
+from ndtorch.utils.toml import Strict, read_toml, toml_values
 from ndtorch_robot.sim.plan import Plan, Point, Ring, SpawnPoints, circle, cylinder, ring
 from ndtorch_robot.sim.textures import Pattern
 
@@ -289,57 +290,23 @@ def beside(cell: tuple[int, int], columns: int, rows: int) -> list[tuple[int, in
     return [(a, b) for a, b in around if 0 <= a < columns and 0 <= b < rows]
 
 
-def tiles(seed: int) -> Plan:
-    """The loop with a floor of tiles, 30 cm, with dark joints of 6 mm."""
-    return replace(loop(seed), name="tiles", floor="tiles")
-
-
-def checker(seed: int) -> Plan:
-    """The loop with a floor of light and dark checks, 25 cm."""
-    return replace(loop(seed), name="checker", floor="checker")
-
-
-def smooth(seed: int) -> Plan:
-    """The loop with a floor almost without texture."""
-    return replace(loop(seed), name="smooth", floor="smooth")
-
-
-def lines(seed: int) -> Plan:
-    """The hallway with dark lines, 3 cm wide, across its floor every 2.5 m."""
-    return replace(hallway(seed), name="lines", floor="lines")
-
-
 def chairs(seed: int) -> Plan:
     """A room of 7 x 7 m with five chairs and a table, on legs 3 cm wide."""
     rng = np.random.default_rng((seed, 10))
     side = 7.0
     outline, _ = trace([Box(0, 0, side, side)])
-    places = scattered(rng, 6, 1.3, side - 1.3, 1.7)
+    places: list[Point] = []
+    tries = 0
+    while len(places) < 6:
+        x, y = (float(v) for v in rng.uniform(1.3, side - 1.3, 2))
+        tries += 1
+        # Fewer far ones where they do not fit.
+        if all(math.dist((x, y), other) > 1.7 * 0.98 ** (tries // 50) for other in places):
+            places.append((x, y))
     solids = [part for x, y in places[:5] for part in chair_rings(x, y, float(rng.uniform(0, math.pi / 2)))]
     x, y = places[5]
     solids += table_rings(Box(x - 0.6, y - 0.35, x + 0.6, y + 0.35), 0.72)
     return Plan("chairs", outline, tuple(solids))
-
-
-def slalom(seed: int) -> Plan:
-    """A hall of 12 x 3 m with poles 5 cm wide, left and right in turn."""
-    rng = np.random.default_rng((seed, 11))
-    outline, _ = trace([Box(0, 0, 12.0, 3.0)])
-    xs = 2.2 + 1.3 * np.arange(7)
-    ys = 1.5 + np.where(np.arange(7) % 2, 0.4, -0.4) + rng.uniform(-0.15, 0.15, 7)
-    poles = tuple(cylinder(float(x), float(y), 0.025, 1.2, 8) for x, y in zip(xs, ys, strict=True))
-    return Plan("slalom", outline, poles, (0.6, 1.5, 0.0))
-
-
-def sofa(seed: int) -> Plan:
-    """A room of 6 x 5 m with two sofas that have 12 cm of air below them."""
-    rng = np.random.default_rng((seed, 12))
-    outline, _ = trace([Box(0, 0, 6.0, 5.0)])
-    x, y = float(rng.uniform(1.5, 2.5)), float(rng.uniform(2.0, 2.4))
-    free = box_ring(Box(x, y, x + 1.9, y + 0.85), 0.75, 0.12)
-    at = float(rng.uniform(0.8, 3.2))
-    at_wall = box_ring(Box(at, 0.01, at + 1.9, 0.86), 0.75, 0.12)
-    return Plan("sofa", outline, (free, at_wall))
 
 
 def dead_end(seed: int) -> Plan:
@@ -350,45 +317,6 @@ def dead_end(seed: int) -> Plan:
     return Plan("dead-end", outline, solids, (4.6, y + 0.5, 0.0))
 
 
-def door_61(seed: int) -> Plan:
-    """Two rooms of 4 x 4 m with a thin wall between and a door of 0.61 m in it."""
-    return doorway(seed, "door-61", 0.61)
-
-
-def door_81(seed: int) -> Plan:
-    """Two rooms of 4 x 4 m with a thin wall between and a door of 0.81 m in it."""
-    return doorway(seed, "door-81", 0.81)
-
-
-def doorway(seed: int, name: str, wide: float) -> Plan:
-    rng = np.random.default_rng((seed, 14))
-    y = float(rng.uniform(0.8, 3.2 - wide))
-    rooms = [Box(0, 0, 4.0, 4.0), Box(4.08, 0, 8.08, 4.0), Box(4.0, y, 4.08, y + wide, "jamb")]
-    outline, solids = trace(rooms)
-    start = (float(rng.uniform(1.0, 1.6)), float(rng.uniform(1.2, 2.8)), 0.0)
-    return Plan(name, outline, solids, start)
-
-
-def t_junction(seed: int) -> Plan:
-    """A corridor of 10 x 1.6 m with a stem of the same width and 5 m length in the middle of one side."""
-    rng = np.random.default_rng((seed, 15))
-    wide, x = 1.6, float(rng.uniform(3.6, 4.8))
-    outline, solids = trace([Box(0, 0, 10.0, wide), Box(x, wide, x + wide, wide + 5.0)])
-    return Plan("t-junction", outline, solids, (0.8, wide / 2, 0.0))
-
-
-def scattered(rng: np.random.Generator, count: int, low: float, high: float, least: float) -> list[Point]:
-    """Places in a square, at least so far from each other; fewer far ones where they do not fit."""
-    found: list[Point] = []
-    tries = 0
-    while len(found) < count:
-        x, y = (float(v) for v in rng.uniform(low, high, 2))
-        tries += 1
-        if all(math.dist((x, y), other) > least * 0.98 ** (tries // 50) for other in found):
-            found.append((x, y))
-    return found
-
-
 BUILDINGS: dict[str, Callable[[int], Plan]] = {
     "hallway": hallway,
     "curve": curve,
@@ -397,20 +325,19 @@ BUILDINGS: dict[str, Callable[[int], Plan]] = {
     "office": office,
     "random": random_building,
 }
-TESTS: dict[str, Callable[[int], Plan]] = {
-    "tiles": tiles,
-    "checker": checker,
-    "smooth": smooth,
-    "lines": lines,
-    "chairs": chairs,
-    "slalom": slalom,
-    "sofa": sofa,
-    "dead-end": dead_end,
-    "door-61": door_61,
-    "door-81": door_81,
-    "t-junction": t_junction,
+FLOORS: dict[str, tuple[Callable[[int], Plan], Pattern]] = {
+    "tiles": (loop, "tiles"),
+    "checker": (loop, "checker"),
+    "smooth": (loop, "smooth"),
+    "lines": (hallway, "lines"),
 }
-ARENAS = BUILDINGS | TESTS
+"""Buildings with other floors: tiles of 30 cm with joints of 6 mm, light and dark checks of 25 cm, a floor almost
+without texture, and dark lines of 3 cm across it every 2.5 m."""
+
+FURNISHED: dict[str, Callable[[int], Plan]] = {"chairs": chairs, "dead-end": dead_end}
+FILES = ("slalom", "sofa", "door-61", "door-81", "t-junction")
+TESTS = (*FLOORS, *FURNISHED, *FILES)
+ARENAS = (*BUILDINGS, *TESTS)
 """All arenas by name."""
 
 
@@ -445,6 +372,13 @@ class BoxTable(Strict):
     bottom: Annotated[float, Field(ge=0, le=10)] = 0.0
     height: Annotated[float, Field(gt=0, le=10)]
 
+    @model_validator(mode="after")
+    def upright(self) -> BoxTable:
+        """A box whose top is above its bottom."""
+        if self.bottom >= self.height:
+            raise ValueError("bottom must be below height")
+        return self
+
 
 class TableTable(Strict):
     """A table: the rectangle of its top, how high that is, and how wide the four legs are, m."""
@@ -458,6 +392,7 @@ class ArenaFile(Strict):
     """The keys of a file:
 
     name = "lab"
+    description = "Two rooms."
     rooms = [[0, 0, 8, 6], [8.1, 2, 14, 4]]        # left, bottom, right, top in m
     doors = [[8, 2.4, 8.1, 3.2]]                   # rectangles that join rooms through thin walls
     pillars = [{x = 4, y = 3, width = 0.4, round = true, height = 1.2}]
@@ -469,6 +404,7 @@ class ArenaFile(Strict):
     """
 
     name: str
+    description: str = ""
     rooms: Annotated[tuple[Four, ...], Field(min_length=1)]
     doors: tuple[Four, ...] = ()
     pillars: tuple[Pillar, ...] = ()
@@ -476,7 +412,7 @@ class ArenaFile(Strict):
     tables: tuple[TableTable, ...] = ()
     floor: Pattern = "carpet"
     start: tuple[float, float, float] | None = None
-    height: float = 2.4
+    height: Annotated[float, Field(ge=1, le=10)] = 2.4
 
 
 def read_arena(path: Path) -> Plan:
@@ -490,7 +426,7 @@ def read_arena(path: Path) -> Plan:
         solids += [box_ring(rectangle(box.at), box.height, box.bottom) for box in file.boxes]
         solids += [part for t in file.tables for part in table_rings(rectangle(t.at), t.height, t.legs)]
         start = (*file.start[:2], math.radians(file.start[2])) if file.start else None
-        plan = Plan(file.name, outline, (*inner, *solids), start, height=file.height, floor=file.floor)
+        plan = Plan(file.name, outline, (*inner, *solids), start, height=file.height, floor=file.floor).check()
         SpawnPoints(plan)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -509,9 +445,23 @@ def rectangle(at: Four, longest: float = 0.0, shortest: float = 0.0) -> Box:
 
 def load_arena(name: str, seed: int = 0) -> Plan:
     """The plan of an arena by name, or of a file that ends in `.toml`."""
-    if name.endswith(".toml"):
-        return read_arena(Path(name))
-    if name not in ARENAS:
+    if name in FLOORS:
+        make, floor = FLOORS[name]
+        return replace(make(seed), name=name, floor=floor)
+    made = BUILDINGS | FURNISHED
+    if name in made:
+        return made[name](seed)
+    if name not in FILES and not name.endswith(".toml"):
         known = ", ".join(ARENAS)
         raise InputError(f"no arena {name!r}, choose one of {known} or a .toml file{did_you_mean(name, ARENAS)}")
-    return ARENAS[name](seed)
+    return read_arena(toml_file(Path(name), "ndtorch_robot", "arenas"))
+
+
+def describe_arena(name: str) -> str:
+    """What an arena is, in a line."""
+    if name in FILES:
+        return str(toml_values(toml_file(Path(name), "ndtorch_robot", "arenas"))["description"])
+    if name in FLOORS:
+        make, floor = FLOORS[name]
+        return f"The {make.__name__} with another floor: {floor}."
+    return ((BUILDINGS | FURNISHED)[name].__doc__ or "").splitlines()[0]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
-from ndtorch_robot.sim.textures import KINDS, Pattern
+from ndtorch_robot.sim.textures import Pattern
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -36,7 +36,7 @@ class Ring:
     Args:
         points: corners in order, m. Those of an outline run counter-clockwise, those of solids clockwise, so
             that the free side is always on the left.
-        kinds: one of `KINDS` for the surface from each corner to the next.
+        kinds: one of `textures.COLORS` for the surface from each corner to the next.
         height: m; None is up to the ceiling.
         radius: the ring approximates a cylinder of this radius about the middle of its corners, m; 0 is the polygon.
         bottom: m; there is air below it.
@@ -103,9 +103,6 @@ class Plan:
         spacing: distance between neighbouring doors, m; 0 where there are none.
         height: of the ceiling, m.
         floor: what it looks like.
-
-    Raises:
-        InputError: a plan that cannot be built, in one line that says where.
     """
 
     name: str
@@ -117,18 +114,8 @@ class Plan:
     height: float = 2.4
     floor: Pattern = "carpet"
 
-    def __post_init__(self) -> None:
-        try:
-            self.check()
-        except InputError as error:
-            raise InputError(f"arena {self.name}: {error}") from None
-
-    def check(self) -> None:
-        """Raise `InputError` for a plan that cannot be built."""
-        if not 1.0 <= self.height <= 10.0:
-            raise InputError(f"height must be 1 to 10 m, got {self.height}")
-        for shape in self.rings:
-            check_ring(shape)
+    def check(self) -> Plan:
+        """The plan itself; raises `InputError` for one of a file that cannot be built."""
         wide, deep = np.ptp(self.outline.array, 0)
         if not max(wide, deep) <= WIDEST:
             raise InputError(f"{wide:.4g} x {deep:.4g} m is too large, {WIDEST:g} m a side are the most")
@@ -138,6 +125,7 @@ class Plan:
                 raise InputError(f"a {solid.kinds[0]} at ({x:.2f}, {y:.2f}) is outside the walls")
         if self.start is not None and not (self.clearance(np.array([self.start[:2]]))[0] > 0.3):
             raise InputError(f"start {self.start[:2]} must be free for 0.3 m all around")
+        return self
 
     @property
     def rings(self) -> tuple[Ring, ...]:
@@ -210,26 +198,6 @@ def inside(shape: Ring, points: Floats) -> Bools:
         if ay != by:
             result ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
     return result
-
-
-def check_ring(shape: Ring) -> None:
-    """Raise `InputError` for a ring that is no polygon."""
-    corners = shape.array
-    if len(corners) < 3 or not np.isfinite(corners).all() or len(shape.kinds) != len(corners):
-        raise InputError(f"a ring needs three corners or more, all finite, got {shape.points}")
-    along = np.roll(corners, -1, 0) - corners
-    if np.hypot(*along.T).min() < 1e-6 or abs(shape.area) < 1e-4:
-        raise InputError(f"walls of no length or a ring of no area near {shape.points[0]}")
-    if not set(shape.kinds) <= set(KINDS):
-        raise InputError(f"surfaces must be of {', '.join(KINDS)}, got {sorted(set(shape.kinds) - set(KINDS))[0]!r}")
-    if not 0 <= shape.bottom < (math.inf if shape.height is None else shape.height):
-        raise InputError(f"bottom must be 0 m or more and below the top, got {shape.bottom} and {shape.height}")
-    s, t = crossing(corners[:, None], along[:, None], corners[None], along[None])
-    proper = (s > 1e-6) & (s < 1 - 1e-6) & (t > 1e-6) & (t < 1 - 1e-6)
-    if proper.any():
-        k, n = np.argwhere(proper)[0]
-        x, y = corners[k] + s[k, n] * along[k]
-        raise InputError(f"walls cross each other near ({x:.2f}, {y:.2f})")
 
 
 class SpawnPoints:

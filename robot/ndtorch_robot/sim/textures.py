@@ -27,7 +27,6 @@ COLORS = {
     "pillar": (0.58, 0.58, 0.60),
     "furniture": (0.55, 0.40, 0.26),
 }
-KINDS = tuple(COLORS)
 """What a surface can look like."""
 
 PATTERNS: dict[str, tuple[float, float, float]] = {

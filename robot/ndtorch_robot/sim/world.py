@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -42,7 +43,8 @@ class World(NamedTuple):
         corners: triangles: x, y, z, m, and texture coordinates, `[N, 3, 5]`.
         surface: number of the texture, or -1 less a color of 24 bits, `[N]` int32.
         texels: of all mipmaps, each with a border of one texel that repeats its opposite side, `[T]` uint32.
-        mipmaps: where each mipmap of each texture begins, its width and its height, `[textures, LEVELS, 3]` int32.
+        mipmaps: where each mipmap of each texture begins, its width and its height, `[textures, LEVELS, 3]` int32;
+            the last one is repeated.
         walls: what the car cannot pass, `[S, 2, 2]`, and `posts`, x, y and radius, `[C, 3]`.
         profiles: for each edge of each ring, its brightness `[columns]` at the height of the cameras.
         person: the triangles of the pedestrian, the last ones, standing at the origin.
@@ -184,22 +186,12 @@ def with_mipmaps(images: list[Image]) -> tuple[npt.NDArray[np.uint32], npt.NDArr
     for n, image in enumerate(images):
         for k in range(LEVELS):
             high, wide = image.shape[:2]
-            levels[n, k] = begin, wide, high
+            levels[n, k:] = begin, wide, high
             red, green, blue = (image[..., c].astype(np.uint32) for c in range(3))
             blocks.append(np.pad(red | green << 8 | blue << 16, 1, "wrap").ravel())
             begin += blocks[-1].size
             if wide == high == 1:
                 break
-            image = halved(halved(image, 1), 0)
+            half = max(wide // 2, 1), max(high // 2, 1)
+            image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_LINEAR), np.uint8)
     return np.concatenate(blocks), levels
-
-
-def halved(image: Image, axis: int) -> Image:
-    """An image of half as many rows or columns, each between the nearest two, with weights of 8 bits."""
-    many = image.shape[axis]
-    few = max(many // 2, 1)
-    at = (np.arange(few) + 0.5) * many / few - 0.5
-    low = np.floor(at).astype(int)
-    weight = np.floor((at - low) * 256 + 0.5).astype(np.uint32).reshape((-1, 1, 1) if axis == 0 else (-1, 1))
-    first, second = image.take(np.maximum(low, 0), axis), image.take(np.minimum(low + 1, many - 1), axis)
-    return np.asarray((first * (256 - weight) + second * weight + 128) >> 8, np.uint8)
