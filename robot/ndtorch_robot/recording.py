@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 from typing import Any, Literal, NamedTuple, cast
-from zlib import crc32
 
 import torch
 import zstandard
@@ -105,8 +104,7 @@ class Recorder(Closing):
             self.file = self.path.open("xb")
             self.writer: Any = Writer(self.file, chunk_size=MAX_CHUNK_BYTES // 8)
             self.writer.start(profile="ros2", library="ndtorch")
-            crc = f"{crc32(configuration.encode()):08x}"
-            self.writer.add_metadata(HEADER, {"version": VERSION, "configuration": configuration, "crc": crc})
+            self.writer.add_metadata(HEADER, {"version": VERSION, "configuration": configuration})
             self.file.flush()
         except FileExistsError:
             raise InputError(f"{path} exists already: choose another name") from None
@@ -225,15 +223,13 @@ class Recording:
     Attributes:
         configuration: of `NavigatorRunner`.
         complete: whether its end says that the recording was closed; known after reading.
-        missing: number of steps that are not there; known after reading.
-        damaged: number of chunks and steps that are not as they were written; known after reading.
+        missing: number of steps that are not there or damaged; known after reading.
     """
 
     path: Path
     configuration: dict[str, Any]
     complete: bool = False
     missing: int = 0
-    damaged: int = 0
 
     def steps(self) -> Iterator[Step]:
         """All steps but those that are damaged or not wholly there, without the state of the navigator.
@@ -241,7 +237,7 @@ class Recording:
         They are numbered from 0; of whole frames there are the strips that were read, and `frames` is None where there
         were none.
         """
-        self.complete, self.missing, self.damaged, expected = False, 0, 0, 0
+        self.complete, self.missing, expected = False, 0, 0
         topics: dict[int, str] = {}
         images: dict[str, Message] = {}
         with opened(self.path) as records:
@@ -252,11 +248,9 @@ class Recording:
                         self.missing += max(0, int(record.metadata["given"]) - expected)
                 if not isinstance(record, Chunk):
                     continue
-                try:
+                inner: list[Any] = []
+                with contextlib.suppress(Exception):  # whatever a damaged chunk does to the packages that read it
                     inner = chunk_records(record)
-                except Exception:  # whatever a damaged chunk does to the packages that read it
-                    self.damaged += 1
-                    continue
                 for part in inner:
                     if isinstance(part, Channel):
                         topics[part.id] = part.topic
@@ -266,7 +260,6 @@ class Recording:
                         try:
                             step = step_of(part, images)
                         except Exception:  # whatever a message of wrong content does to the packages that read it
-                            self.damaged += 1
                             continue
                         self.missing += max(0, step.number - expected)
                         expected = step.number + 1
@@ -338,16 +331,13 @@ def open_recording(path: str | Path) -> Recording:
         header = next((record for record in records if isinstance(record, Metadata | Chunk)), None)
     if not isinstance(header, Metadata) or header.name != HEADER:
         raise InputError(f"{path}: not a recording of ndtorch; `ndtorch import` reads those of others")
-    version, text = header.metadata.get("version"), header.metadata.get("configuration", "")
+    version = header.metadata.get("version")
     if version != VERSION:
         raise InputError(f"{path}: version {version}, this program reads version {VERSION}")
     try:
-        configuration = json.loads(text)
-    except ValueError:
-        configuration = None
-    if header.metadata.get("crc") != f"{crc32(text.encode()):08x}" or not isinstance(configuration, dict):
-        raise InputError(f"{path}: damaged, its checksum does not fit")
-    return Recording(Path(path), configuration)
+        return Recording(Path(path), dict(json.loads(header.metadata["configuration"])))
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{path}: damaged, its configuration cannot be read") from None
 
 
 def make_runner(configuration: dict[str, Any], mapping: bool = False) -> NavigatorRunner:

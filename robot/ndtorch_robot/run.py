@@ -7,39 +7,63 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch_robot.camera_monitor import CameraMonitor
-from ndtorch_robot.car import CameraClock, Car
+from ndtorch_robot.cameras import StereoCameras, open_cameras
+from ndtorch_robot.car import CameraClock, Car, MonotonicClock
 from ndtorch_robot.link import SIMULATED_WORLD, MovesWorld, Opening, open_link
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
 from ndtorch_robot.run_config import RunConfig
 from ndtorch_robot.safety import SafeDrive
 
-if TYPE_CHECKING:
-    from ndtorch_robot.sim.simulation import Simulation
-
 
 @contextlib.contextmanager
 def open_car(config: RunConfig, report: Report, go: bool = False, observers: Iterable[Observer] = ()) -> Iterator[Car]:
     """All parts of a car, opened and afterwards closed again, the drive first."""
     with contextlib.ExitStack() as stack:
-        simulation = make_simulation(config)
-        if simulation is not None:
-            stack.callback(simulation.close)
-        drive = open_link(config.link_table(), Opening(config.board_name, report, simulation))
-        stack.callback(drive.close)
-        if isinstance(drive, MovesWorld):
-            cameras, clock = drive.cameras_and_clock()
-            rig = config.stereo_rig
-        else:
-            cameras, rig, clock = make_real_cameras(config)
+        drive, clock, cameras = stack.enter_context(open_drive(config, report))
+        rig = config.stereo_rig
+        if cameras is None:
+            cameras, rig = open_real_cameras(config)
+            clock = CameraClock()
         stack.callback(cameras.close)
         stack.callback(drive.close)
         yield make_car(config, cameras, rig, clock, drive, report, go, observers)
+
+
+@contextlib.contextmanager
+def open_drive(config: RunConfig, report: Report) -> Iterator[tuple[Drive, Clock, CameraPair | None]]:
+    """The drive of a car and its clock, and the cameras of a simulated world."""
+    simulation = None
+    if config.simulation is not None:
+        from ndtorch_robot.sim.arenas import load_arena
+        from ndtorch_robot.sim.disturbances import read_disturbances
+        from ndtorch_robot.sim.simulation import Simulation
+
+        world, rig, body = config.simulation, config.stereo_rig, config.body
+        disturbances = read_disturbances(world.disturbance)
+        if disturbances.fps:
+            raise InputError("disturbance: the frames a second of a car are its rate_hz")
+        if disturbances.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
+            raise InputError(f"disturbance: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")
+        simulation = Simulation(
+            load_arena(world.arena, world.seed),
+            world.seed,
+            rig=rig,
+            fields=config.navigation.fields(rig, body),
+            disturbances=disturbances,
+            rate=config.rate_hz,
+            body=body,
+        )
+    drive = open_link(config.link_table(), Opening(config.board_name, report, simulation))
+    cameras, clock = drive.cameras_and_clock() if isinstance(drive, MovesWorld) else (None, MonotonicClock())
+    try:
+        yield drive, clock, cameras
+    finally:
+        drive.close()
 
 
 def make_car(
@@ -71,34 +95,10 @@ def with_disturbance(config: RunConfig, disturbance: str) -> RunConfig:
     return config.model_copy(update={"simulation": config.simulation.model_copy(update={"disturbance": disturbance})})
 
 
-def make_simulation(config: RunConfig) -> Simulation | None:
-    """The simulated world of a configuration, if there is one."""
-    if config.simulation is None:
-        return None
-    from ndtorch_robot.sim.arenas import load_arena
-    from ndtorch_robot.sim.disturbances import read_disturbances
-    from ndtorch_robot.sim.simulation import Simulation
-
-    told = config.simulation
-    disturbances = read_disturbances(told.disturbance)
-    if disturbances.fps:
-        raise InputError("disturbance: the frames a second of a car are its rate_hz")
-    if disturbances.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
-        raise InputError(f"disturbance: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")
-    rig, rate, body = config.stereo_rig, config.rate_hz, config.body
-    fields = config.navigation.fields(rig, body)
-    plan = load_arena(told.arena, told.seed)
-    return Simulation(plan, told.seed, rig=rig, fields=fields, disturbances=disturbances, rate=rate, body=body)
-
-
-def make_real_cameras(config: RunConfig) -> tuple[CameraPair, StereoRig, Clock]:
-    """Two cameras by their settings, their geometry, and the clock that the loop keeps with them."""
-    from ndtorch_robot.cameras import open_cameras
-
+def open_real_cameras(config: RunConfig) -> tuple[StereoCameras, StereoRig]:
+    """Two cameras by their settings, and their geometry."""
     assert config.cameras is not None
-    options, body = config.navigation, config.body
-    cameras, rig = open_cameras(config.cameras, config.stereo_rig, lambda rig: options.fields(rig, body))
-    return cameras, rig, CameraClock()
+    return open_cameras(config.cameras, config.stereo_rig, lambda rig: config.navigation.fields(rig, config.body))
 
 
 def real_time_priority(report: Report) -> None:

@@ -134,12 +134,12 @@ def test_remembered_obstacles_are_where_they_were_seen(pose):
 
 
 def test_distances_and_odometry_reach_the_autopilot():
-    """On the connection of the link; north-east-down turned: y and heading change their signs."""
+    """North-east-down turned: y and heading change their signs."""
     pytest.importorskip("pymavlink")
     port, (step, runner), lines = free_port(), known_step(), []
     autopilot = Autopilot(port)
-    opening = Opening(lines.append, runner, {"kind": "mavlink", "device": f"udpin:127.0.0.1:{port}"})
-    with open_bridges({"mavlink": {}}, opening) as (thread,):
+    tables = {"mavlink": {"device": f"udpin:127.0.0.1:{port}"}}
+    with open_bridges(tables, Opening(lines.append, runner)) as (thread,):
         assert wait_for(thread.bridge.connection.heard.is_set)
         thread(step._replace(state=None))
         for n in range(1, 4):

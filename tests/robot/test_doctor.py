@@ -36,7 +36,6 @@ def test_what_works_and_what_can_be_done_without(capsys, monkeypatch):
     assert result["failed"] == []
     assert findings["numba"]["words"] == numba.__version__
     assert torch.backends.cpu.get_cpu_capability() in findings["processor"]["words"]
-    assert all(name in findings["controllers"]["words"] for name in controller_names())
     assert (findings["kernel cache"]["state"], findings["cameras"]["state"]) == ("works", "missing")
 
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -62,8 +63,7 @@ def test_the_firmware_passes_the_check(capsys):
 
 def test_a_wrong_answer_and_the_end_of_the_input_count_as_no(capsys, monkeypatch):
     """The directions are wrong; then nobody answers."""
-    monkeypatch.setattr("ndtorch_robot.link.open_link", lambda *_: type("Link", (), {"close": lambda self: None})())
-    monkeypatch.setattr("ndtorch_robot.run.make_simulation", lambda config: None)
+    monkeypatch.setattr("ndtorch_robot.run.open_drive", lambda *_: nullcontext((None, None, None)))
     for name, right in (("link", True), ("move", False), ("emergency", True)):
         monkeypatch.setattr(Check, name, lambda *_, right=right: right)
     assert main(["check", "sim", "--yes"]) == 1

@@ -10,13 +10,13 @@ import contextlib
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from ndtorch.utils.registry import Registry
 from ndtorch_robot.link import read_settings
 from ndtorch_robot.navigator_runner import NavigatorRunner
-from ndtorch_robot.ports import Report, Step
+from ndtorch_robot.ports import Drive, Report, Step
 
 __all__ = ["BRIDGES", "Bridge", "BridgeThread", "Opening", "bridge", "open_bridges"]
 
@@ -34,12 +34,12 @@ class Opening:
     Attributes:
         report: called for every event.
         runner: of the car, whose rig, map and controller do not change.
-        link: the `[link]` table of the car: a bridge to the same device shares its connection.
+        drive: of the car: a bridge over the same line shares its connection.
     """
 
     report: Report
     runner: NavigatorRunner
-    link: Mapping[str, Any] = field(default_factory=dict)
+    drive: Drive | None = None
 
 
 class Bridge(ABC):

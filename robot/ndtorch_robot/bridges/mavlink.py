@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from ndtorch_robot.bridges import Bridge, Opening, bridge
-from ndtorch_robot.link.mavlink import MavlinkConnection, MavlinkSettings
+from ndtorch_robot.link.mavlink import MavlinkConnection, MavlinkDrive, MavlinkSettings
 from ndtorch_robot.obstacles import nearest_by_sector, seen_obstacles
 from ndtorch_robot.ports import Step
 
@@ -23,9 +23,8 @@ UNKNOWN = 65535
 class MavlinkBridge(Bridge):
     """Sends obstacles in the frame of the body, and dead reckoning, at every step."""
 
-    def __init__(self, settings: MavlinkSettings, opening: Opening) -> None:
-        self.opening, self.resets = opening, 0
-        self.connection = MavlinkConnection.open(settings)
+    def __init__(self, connection: MavlinkConnection, opening: Opening, shared: bool) -> None:
+        self.connection, self.opening, self.shared, self.resets = connection, opening, shared, 0
 
     def publish(self, step: Step) -> None:
         if step.state is None:
@@ -48,12 +47,13 @@ class MavlinkBridge(Bridge):
         self.connection.send("odometry", stamp, *frames, x, y, 0.0, attitude, *motion, *after)
 
     def close(self) -> None:
-        self.connection.close()
+        if not self.shared:
+            self.connection.close()
 
 
 @bridge("mavlink")
 def open_mavlink(settings: MavlinkSettings, opening: Opening) -> MavlinkBridge:
-    """A bridge on the connection of the link where that is of the same kind, unless it names another device."""
-    shared = {key: opening.link[key] for key in MavlinkSettings.model_fields if key in opening.link}
-    shared = shared if opening.link.get("kind") == "mavlink" else {}
-    return MavlinkBridge(MavlinkSettings(**shared | settings.model_dump(exclude_unset=True)), opening)
+    """A bridge on the connection of the link where that is MAVLink, too, and the table names no other device."""
+    if isinstance(opening.drive, MavlinkDrive) and "device" not in settings.model_fields_set:
+        return MavlinkBridge(opening.drive.connection, opening, shared=True)
+    return MavlinkBridge(MavlinkConnection(settings), opening, shared=False)

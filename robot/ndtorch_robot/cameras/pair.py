@@ -33,7 +33,7 @@ TRUSTED_S = 1.0
 """Largest age of a driver's time that is believed."""
 
 KEPT = 3000
-"""Number of last frames and pairs whose times are kept."""
+"""Number of last pairs whose differences in time are kept."""
 
 
 class CamerasSilent(InputError):
@@ -50,12 +50,10 @@ class Frame(NamedTuple):
     Attributes:
         image: as OpenCV gives it.
         time: when it was taken, s on the monotonic clock.
-        arrived: when it was decoded, s on the same clock.
     """
 
     image: Image
     time: float
-    arrived: float
 
 
 class Pair(NamedTuple):
@@ -81,32 +79,26 @@ class Pairing:
 
     Attributes:
         newest, free: the newest frame of each camera, and whether it has no partner yet.
-        frames, unpaired: number of frames of each camera, and of those that found no partner.
-        pairs: number of pairs.
+        unpaired: number of frames of each camera that found no partner.
         skews: times of the right frame after the left one in the last pairs, s.
-        times: when the last frames of each camera were taken and arrived, s.
     """
 
     def __init__(self, tolerance: float) -> None:
         self.tolerance = tolerance
         self.newest: list[Frame | None] = [None, None]
         self.free = [False, False]
-        self.frames, self.unpaired, self.pairs = [0, 0], [0, 0], 0
+        self.unpaired = [0, 0]
         self.skews: deque[float] = deque(maxlen=KEPT)
-        self.times: tuple[deque[tuple[float, float]], ...] = (deque(maxlen=KEPT), deque(maxlen=KEPT))
 
     def add(self, side: int, frame: Frame) -> Pair | None:
         """A new frame of camera `side` (0 left, 1 right); returns the pair it makes, if it does."""
-        self.frames[side] += 1
         self.unpaired[side] += self.free[side]
-        self.times[side].append((frame.time, frame.arrived))
         self.newest[side], self.free[side] = frame, True
         other = self.newest[1 - side]
         if other is None or not self.free[1 - side] or abs(frame.time - other.time) > self.tolerance:
             return None
         self.free = [False, False]
         pair = Pair(frame, other) if side == 0 else Pair(other, frame)
-        self.pairs += 1
         self.skews.append(pair.right.time - pair.left.time)
         return pair
 
@@ -166,7 +158,7 @@ class CameraReader:
         if not good or image is None:
             return False
         self.due, self.trouble = self.due + self.period, ""
-        self.deliver(Frame(image, taken, time.monotonic()))
+        self.deliver(Frame(image, taken))
         return True
 
     def reopen(self) -> None:

@@ -116,7 +116,7 @@ def find_source(name: str) -> Source:
         return Source("device", name, name)
     if path.exists():
         return Source("folder" if path.is_dir() else "file", name, name)
-    raise InputError(f"camera {name}: no such device, file or folder; `ndtorch cameras` lists the devices")
+    raise InputError(f"camera {name}: no such device, file or folder; `ndtorch doctor` lists the devices")
 
 
 def open_capture(camera: Source, settings: CameraSettings) -> Capture:

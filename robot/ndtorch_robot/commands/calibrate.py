@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -79,37 +79,30 @@ class Calibrate:
             views.append(view)
             if live and self.keep is not None:
                 keep(self.keep, len(views), left, right)
-            if not self.json:
-                column, row = view.left.mean(0)
-                print(f"  view {len(views)}: board at column {column:.0f}, row {row:.0f}", file=sys.stderr)
+            column, row = view.left.mean(0)
+            print(f"  view {len(views)}: board at column {column:.0f}, row {row:.0f}", file=sys.stderr)
             if live and len(views) == self.views:
                 break
         calibration, quality = calibrate(views, board, size)
-        faults = quality.faults()
+        faults, projection = quality.faults(), calibration.right.projection
         if not faults:
             write_calibration(calibration, quality, self.out)
-        projection = calibration.right.projection
         baseline = -float(projection[0, 3] / projection[0, 0])
         if self.json:
             print(json.dumps({"accepted": not faults, "faults": faults, "baseline_m": baseline, **quality._asdict()}))
-            return REFUSED if faults else 0
-        print(f"{size[0]}x{size[1]}, {quality.views} of {pairs} pairs, boards cover {quality.covered_percent:.0f} %")
-        print(f"  baseline {1000 * baseline:.2f} mm, focal lengths known to {quality.focal_percent:.2f} %")
-        errors = f"{quality.left_px:.3f} px left, {quality.right_px:.3f} px right, {quality.pair_px:.3f} px together"
-        print(f"  reprojection error {errors}")
-        print(f"  rows of the rectified pair differ by {quality.row_px:.3f} px")
-        print("REFUSED: " + "\n         ".join(faults) if faults else f"written to {self.out}")
+        else:
+            print(f"{size[0]}x{size[1]}, {quality.views} of {pairs} pairs, baseline {1000 * baseline:.2f} mm")
+            for name, value in quality._asdict().items():
+                print(f"  {name:16}{value:.3g}")
+            print("REFUSED: " + "\n         ".join(faults) if faults else f"written to {self.out}")
         return REFUSED if faults else 0
 
     def live_pairs(self) -> Iterator[tuple[Image, Image]]:
-        from ndtorch.utils.toml import check
-        from ndtorch_robot.cameras import CamerasSilent, FramesEnded, StereoCameras
-        from ndtorch_robot.cameras.source import CameraSettings
+        from ndtorch_robot.cameras import CameraSettings, CamerasSilent, FramesEnded, StereoCameras
 
         size = {"width_px": self.width, "height_px": self.height}
-        values = {"left": self.left, "right": self.right, **size, "max_age_ms": 500.0}
         until = time.monotonic() + self.seconds
-        with StereoCameras(check(values, CameraSettings, "calibrate")) as cameras:
+        with StereoCameras(CameraSettings(left=self.left, right=self.right, max_age_ms=500.0, **size)) as cameras:
             while time.monotonic() < until:
                 try:
                     pair = cameras.read_pair()
@@ -122,26 +115,22 @@ class Calibrate:
     def folder_pairs(self) -> Iterator[tuple[Image, Image]]:
         """Images of both folders in natural order."""
         import cv2
-        import numpy as np
 
         from ndtorch.scenes.readers import image_files, quiet_opencv
 
         for folder in (self.left, self.right):
             if not Path(folder).is_dir():
                 raise InputError(f"{folder}: no such folder")
-        files = [image_files(Path(folder)) for folder in (self.left, self.right)]
-        if len(files[0]) != len(files[1]):
-            raise InputError(f"the folders must hold as many images, got {len(files[0])} and {len(files[1])}")
+        left_files, right_files = (image_files(Path(folder)) for folder in (self.left, self.right))
+        if len(left_files) != len(right_files):
+            raise InputError(f"the folders must hold as many images, got {len(left_files)} and {len(right_files)}")
         size = None
-        for pair in zip(*files, strict=True):
-            images = []
-            for path in pair:
-                with quiet_opencv():
-                    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-                if image is None or image.shape != (size or image.shape):
+        for paths in zip(left_files, right_files, strict=True):
+            with quiet_opencv():
+                images: list[Any] = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
+            for path, image in zip(paths, images, strict=True):
+                if image is None or image.shape != (size := size or image.shape):
                     raise InputError(f"{path}: not an image, or not of the size of the others")
-                size = image.shape
-                images.append(np.asarray(image, np.uint8))
             yield images[0], images[1]
 
 
@@ -150,9 +139,5 @@ def keep(folder: Path, number: int, left: Image, right: Image) -> None:
     import cv2
 
     for side, image in (("left", left), ("right", right)):
-        path = folder / side / f"{number:03d}.png"
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
-        except OSError as error:
-            raise InputError(f"{path}: cannot keep the image ({error.strerror})") from None
+        (folder / side).mkdir(parents=True, exist_ok=True)
+        (folder / side / f"{number:03d}.png").write_bytes(cv2.imencode(".png", image)[1].tobytes())

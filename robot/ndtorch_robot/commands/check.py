@@ -47,9 +47,7 @@ class Check:
     """Print the points that were right as one JSON object; all other output goes to stderr."""
 
     def run(self) -> int:
-        from ndtorch_robot.car import MonotonicClock
-        from ndtorch_robot.link import MovesWorld, Opening, open_link
-        from ndtorch_robot.run import make_simulation, timed_report
+        from ndtorch_robot.run import open_drive, timed_report
         from ndtorch_robot.run_config import read_run_config
         from ndtorch_robot.safety import SafeDrive
 
@@ -57,11 +55,7 @@ class Check:
         self.say("1. Cameras")
         good = {"cameras": self.cameras(config)}
         self.say("2. Link")
-        simulation = make_simulation(config)
-        opening = Opening(config.board_name, lambda line: self.say(f"   {line}"), simulation)
-        drive = open_link(config.link_table(), opening)
-        clock: Clock = drive.cameras_and_clock()[1] if isinstance(drive, MovesWorld) else MonotonicClock()
-        try:
+        with open_drive(config, lambda line: self.say(f"   {line}")) as (drive, clock, _):
             good["link"] = self.link(drive, clock)
             safe = SafeDrive(drive, clock, config.safety_limits, report=timed_report())
             self.say("3. Directions")
@@ -71,10 +65,6 @@ class Check:
             good["directions"] = sum(self.move(safe, *move) for move in MOVES) == len(MOVES)
             self.say("4. Emergency stop")
             good["emergency_stop"] = self.emergency(safe)
-        finally:
-            drive.close()
-            if simulation is not None:
-                simulation.close()
         wrong = [name.replace("_", " ") for name, right in good.items() if not right]
         if self.json:
             print(json.dumps(good))
@@ -87,57 +77,50 @@ class Check:
 
     def ask(self, question: str) -> bool:
         """Ask a question of yes or no; the end of the input is a no."""
-        if self.yes:
-            self.say(f"   {question} yes")
-            return True
+        self.say(f"   {question} " + ("yes" if self.yes else "[y/n] "), end="\n" if self.yes else "")
         try:
-            self.say(f"   {question} [y/n] ", end="")  # `input` would print it on stdout
-            return input().strip().lower() in ("y", "yes")
+            return self.yes or input().strip().lower() in ("y", "yes")
         except EOFError:
             return False
 
     def cameras(self, config: RunConfig) -> bool:
         """Check rate, images and mounting of the cameras."""
+        import numpy as np
+
         from ndtorch_robot.camera_monitor import mounting_fault
-        from ndtorch_robot.run import make_real_cameras
+        from ndtorch_robot.run import open_real_cameras
 
         if config.cameras is None:
             self.say("   simulated, nothing to check")
             return True
         try:
-            pair, rig, _ = make_real_cameras(config)
+            cameras, rig = open_real_cameras(config)
             self.say("   for five seconds move the car about by hand: what both cameras see is compared")
-            try:
-                pairs = [pair.read() for _ in range(round(5 * config.rate_hz))]
-            finally:
-                pair.close()
+            with cameras:
+                pairs = [cameras.read() for _ in range(round(5 * config.rate_hz))]
         except InputError as error:
             self.say(f"   not right: {error}")
             return False
+        rate = (len(pairs) - 1) / (pairs[-1].time - pairs[0].time)
+        skew = 1e3 * float(np.median(np.abs(cameras.pairing.skews)))
+        self.say(f"   {rate:.1f} pairs a second, {config.rate_hz:.0f} are wanted; both sides {skew:.1f} ms apart")
         wrong = mounting_fault(pairs, rig)
         if wrong is not None:
             self.say(f"   not right: {wrong}")
-            return False
-        rate = (len(pairs) - 1) / (pairs[-1].time - pairs[0].time)
-        self.say(f"   {rate:.1f} pairs a second, {config.rate_hz:.0f} are wanted")
-        return abs(rate / config.rate_hz - 1) < 0.1
+        return wrong is None and abs(rate / config.rate_hz - 1) < 0.1
 
     def link(self, drive: Drive, clock: Clock) -> bool:
         """Round trip, battery and pulses after a second."""
-        import numpy as np
+        from ndtorch_robot.car import percentiles_ms
 
         clock.wait_until(clock.now() + 1.0)
-        telemetry, trips = drive.telemetry(), np.array(drive.round_trips()) * 1e3
-        if len(trips):
-            self.say(f"   round trip {np.median(trips):.1f} ms, 99 % below {np.percentile(trips, 99):.1f} ms")
-        if not {*telemetry} - {"link"}:
-            self.say("   not right: no telemetry")
-            return False
-        volts = telemetry.get("battery_v", 0.0)
-        self.say(f"   battery {f'{volts:.1f} V' if volts > 1 else 'not measured'}")
-        pulses = [f"{name[:-3]} {telemetry[name]} us" for name in telemetry if name.endswith("_us")]
-        self.say(f"   pulses {', '.join(pulses)}" if pulses else "   it reports no pulses")
-        return True
+        telemetry = drive.telemetry()
+        trips = percentiles_ms(drive.round_trips())
+        if trips:
+            self.say(f"   round trip {trips['p50']:.1f} ms, 99 % below {trips['p99']:.1f} ms")
+        for name, value in telemetry.items():
+            self.say(f"   {name} {value}")
+        return bool({*telemetry} - {"link"})
 
     def move(self, safe: SafeDrive, motion: tuple[float, float], question: str) -> bool:
         """Send a motion for some seconds, through the safety layer as everything else, and ask for it."""

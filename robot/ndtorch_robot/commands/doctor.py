@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Literal, NamedTuple
@@ -65,24 +66,22 @@ class Doctor:
 
 def examine() -> Iterator[Finding]:
     """All findings, the necessary ones first."""
-    from ndtorch.utils.packages import NAMES, remedy
+    from ndtorch.utils.packages import NAMES
 
     yield Finding("Python", "works", f"{platform.python_version()} on {platform.platform()}")
-    for module in ("ndtorch", *NEEDED):
+    for module in ("ndtorch", *NEEDED, *OPTIONAL):
         top = module.split(".")[0]
         name = NAMES.get(top, top)
         try:
-            import_module(module)
+            if module not in OPTIONAL:
+                import_module(module)
             yield Finding(name, "works", version(name))
         except (ImportError, OSError, PackageNotFoundError) as error:
-            advice = remedy(top) or f"pip install {name}"
-            yield Finding(name, "fails", f"cannot be loaded ({str(error).splitlines()[0]})", advice)
-    for module, what in OPTIONAL.items():
-        name = NAMES.get(module, module)
-        try:
-            yield Finding(name, "works", version(name))
-        except PackageNotFoundError:
-            yield Finding(name, "missing", f"not installed, for {what}", remedy(module) or f"pip install {name}")
+            if module in OPTIONAL:
+                yield Finding(name, "missing", f"not installed, for {OPTIONAL[module]}", f"pip install {name}")
+            else:
+                words = f"cannot be loaded ({str(error).splitlines()[0]})"
+                yield Finding(name, "fails", words, f"pip install {name}")
     for check in (processor, kernels, cameras, serial_ports):
         try:
             yield from check()
@@ -93,15 +92,14 @@ def examine() -> Iterator[Finding]:
 def processor() -> Iterator[Finding]:
     import torch
 
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    units = torch.backends.cpu.get_cpu_capability()
-    yield Finding("processor", "works", f"{platform.machine()}, {cores} cores, {units}")
-    gpu = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no GPU"
-    yield Finding("torch", "works", f"{torch.get_num_threads()} threads, {gpu}")
+    from ndtorch.utils.workers import cores
+
+    units, threads = torch.backends.cpu.get_cpu_capability(), torch.get_num_threads()
+    yield Finding("processor", "works", f"{platform.machine()}, {cores()} cores, {units}, {threads} threads")
+    yield Finding("GPU", "works", torch.cuda.get_device_name(0) if torch.cuda.is_available() else "none")
 
 
 def kernels() -> Iterator[Finding]:
-    from ndtorch.navigation import controller_names
     from ndtorch.utils.jit import cache_folder, make_private
 
     folder = cache_folder()
@@ -112,7 +110,6 @@ def kernels() -> Iterator[Finding]:
         kept = len(list(folder.rglob("*.nbc")))
         advice = "" if kept > 50 else "ndtorch doctor --prepare compiles all kernels now instead of at the first start"
         yield Finding("kernel cache", "works", f"{folder}, {kept} functions", advice)
-    yield Finding("controllers", "works", ", ".join(controller_names()))
 
 
 def cameras() -> Iterator[Finding]:
@@ -124,12 +121,13 @@ def cameras() -> Iterator[Finding]:
         words = f"the kernel knows {len(devices)}, two are needed"
         yield Finding("cameras", "missing", words, "plug both in: lsusb -t")
     for device in devices:
+        words = f"{device.name}, {device.by_path or 'without a name by path'}"
         try:
             settings = CameraSettings(left=device.node, right=device.node)
             open_capture(find_source(device.node), settings).release()
-            yield Finding(device.node, "works", device.name)
+            yield Finding(device.node, "works", words)
         except InputError as error:
-            yield Finding(device.node, "fails", f"{device.name}: {error}", "ndtorch cameras lists what is there")
+            yield Finding(device.node, "fails", f"{words}: {error}")
 
 
 def serial_ports() -> Iterator[Finding]:
@@ -139,11 +137,9 @@ def serial_ports() -> Iterator[Finding]:
     if not ports:
         yield Finding("serial port", "missing", "none", "plug the board in; dmesg says under which name it came")
     for port in ports:
-        if os.access(port.device, os.R_OK | os.W_OK):
-            yield Finding(port.device, "works", str(port.description))
-        else:
-            advice = "sudo usermod -aG dialout $USER, and log in again"
-            yield Finding(port.device, "missing", f"{port.description}: this user may not use it", advice)
+        usable = os.access(port.device, os.R_OK | os.W_OK)
+        advice = "" if usable else "sudo usermod -aG dialout $USER, and log in again"
+        yield Finding(port.device, "works" if usable else "missing", str(port.description), advice)
 
 
 def preparations() -> Iterator[tuple[str, Callable[[], object]]]:
@@ -164,4 +160,4 @@ def preparations() -> Iterator[tuple[str, Callable[[], object]]]:
     for n, frame in enumerate(frames):
         frame[:, 16:32, 4 * n : 4 * n + 16] = 200
     for name in ndtorch.model_names():
-        yield name, lambda name=name: ndtorch.load(name, size=(48, 64))(frames)  # type: ignore[misc]
+        yield name, partial(ndtorch.load(name, size=(48, 64)), frames)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from ndtorch.errors import InputError
-
-if TYPE_CHECKING:
-    from ndtorch_robot.recording import Comparison, Recording
 
 DIFFERENT = 1
 """Exit code when the frames give other commands than were recorded."""
@@ -39,53 +37,35 @@ class Replay:
     def run(self) -> int:
         import torch
 
+        from ndtorch.report.recording import why_not_whole
+        from ndtorch_robot.ports import print_note
         from ndtorch_robot.recording import make_runner, open_recording, replay
 
         torch.set_num_threads(1)
         recording = open_recording(self.file)
-        if self.rrd is None:
-            comparison = replay(recording, make_runner(recording.configuration))
+        runner = make_runner(recording.configuration, mapping=self.rrd is not None)
+        with contextlib.ExitStack() as stack:
+            views = []
+            if self.rrd is not None:
+                from ndtorch_robot.view import View, open_stream
+
+                views = [View(open_stream(f"replay {self.file.stem}", self.rrd), runner, print_note, wait=True)]
+                stack.callback(views[0].close)
+            compared = replay(recording, runner, views, views[0].report if views else None)
+        r = asdict(compared) | {"complete": recording.complete, "missing": recording.missing}
+        if self.json:
+            print(json.dumps(r))
         else:
-            comparison = shown(recording, self.rrd)
-        names = ("complete", "missing", "damaged")
-        result = asdict(comparison) | {name: getattr(recording, name) for name in names}
-        print(json.dumps(result) if self.json else describe(recording, result))
-        if self.rrd is not None:
-            from ndtorch.report.recording import why_not_whole
-
-            half = why_not_whole(self.rrd)
-            if half is not None:
-                raise InputError(half)
-        gaps = bool(recording.missing or recording.damaged)
-        if not gaps and comparison.same < comparison.steps:
+            print(f"{r['steps']} steps of {self.file} replayed")
+            if not r["complete"]:
+                print("  the recording was cut short: its end was not written")
+            if r["missing"]:
+                print(f"  {r['missing']} steps are missing or damaged: the navigator saw less")
+            different = f"  {r['steps'] - r['same']} commands differ, the first in step {r['first_different']}"
+            same = "  the same commands, bit for bit" if r["steps"] else "  nothing was compared"
+            print(same if r["same"] == r["steps"] else different)
+        if self.rrd is not None and (half := why_not_whole(self.rrd)) is not None:
+            raise InputError(half)
+        if not r["missing"] and r["same"] < r["steps"]:
             return DIFFERENT
-        return NOT_ALL if gaps or not recording.complete or not comparison.steps else 0
-
-
-def shown(recording: Recording, rrd: Path) -> Comparison:
-    from ndtorch_robot.ports import print_note
-    from ndtorch_robot.recording import make_runner, replay
-    from ndtorch_robot.view import View, open_stream
-
-    runner = make_runner(recording.configuration, mapping=True)
-    stream = open_stream(f"replay {recording.path.stem}", rrd)
-    view = View(stream, runner, print_note, wait=True)
-    try:
-        return replay(recording, runner, [view], view.report)
-    finally:
-        view.close()
-
-
-def describe(recording: Recording, r: dict[str, Any]) -> str:
-    lines = [f"{r['steps']} steps of {recording.path} replayed"]
-    if not r["complete"]:
-        lines.append("  the recording was cut short: its end was not written")
-    if r["damaged"] or r["missing"]:
-        lines.append(f"  {r['damaged']} chunks or steps are damaged and {r['missing']} missing: the navigator saw less")
-    if not r["steps"]:
-        lines.append("  nothing was compared")
-    elif r["same"] == r["steps"]:
-        lines.append("  the same commands, bit for bit")
-    else:
-        lines.append(f"  {r['steps'] - r['same']} commands differ, the first in step {r['first_different']}")
-    return "\n".join(lines)
+        return NOT_ALL if r["missing"] or not r["complete"] or not r["steps"] else 0

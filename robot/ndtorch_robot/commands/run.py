@@ -46,6 +46,7 @@ class Run:
     def run(self) -> int:
         import torch
 
+        from ndtorch.report.recording import why_not_whole
         from ndtorch.run.folder import RunFolder
         from ndtorch_robot.bridges import Opening, open_bridges
         from ndtorch_robot.emergency import HELP, emergency_stops
@@ -54,20 +55,17 @@ class Run:
         from ndtorch_robot.run import open_car, real_time_priority, timed_report, with_disturbance
         from ndtorch_robot.run_config import read_run_config
 
-        if self.seconds is not None and not 0 < self.seconds < 1e7:
-            raise InputError(f"--seconds must be positive, got {self.seconds}")
         config = with_disturbance(read_run_config(self.config), self.disturbance)
         if self.save_map is not None and not config.navigation.map_half_size_m:
             raise InputError("--save-map needs a map: set map_half_size_m in [navigation], in m from the start")
         torch.set_num_threads(1)
         printed = timed_report()
-        reports = [printed]
+        reports, recorder, view, folder = [printed], None, None, None
 
         def report(line: str) -> None:
             for show in reports:
                 show(line)
 
-        stream, recorder, view, folder = self.stream(), None, None, None
         real_time_priority(report)
         with contextlib.ExitStack() as stack:
             if self.save_map is not None:
@@ -78,19 +76,18 @@ class Run:
             if self.record is not None:
                 recorder = stack.enter_context(Recorder(self.record, car.runner, report=report))
                 car.observers.append(recorder)
-            if stream is not None:
-                from ndtorch_robot.view import View
+            if self.rrd is not None or self.view:
+                from ndtorch_robot.view import View, open_stream
 
-                view = View(stream, car.runner, printed)
+                view = View(open_stream(f"run {self.config.stem}", self.rrd, self.view), car.runner, printed)
                 stack.callback(view.close)
                 car.observers.append(view)
                 reports.append(view.report)
             if folder is not None:
                 car.observers.append(path)
-            opening = Opening(report, car.runner, config.link)
+            opening = Opening(report, car.runner, car.drive)
             car.observers += stack.enter_context(open_bridges(config.bridges, opening))
-            keys = HELP if sys.stdin.isatty() else "SIGUSR1: go, SIGTERM: stop and end"
-            report(f"ready; {keys}")
+            report(f"ready; {HELP if sys.stdin.isatty() else 'SIGUSR1: go, SIGTERM: stop and end'}")
             car.run(self.seconds)
             summary = car.summary()
             world = getattr(car.cameras, "simulation", car.cameras)
@@ -106,22 +103,10 @@ class Run:
             if view is not None:
                 summary["view"] = {"shown": view.shown, "dropped": view.dropped, "failed": view.failed}
         print(json.dumps(summary) if self.json else "\n".join(summary_lines(summary)))
-        if self.rrd is not None:
-            from ndtorch.report.recording import why_not_whole
-
-            half = why_not_whole(self.rrd)
-            if half is not None:
-                print(f"error: {half}", file=sys.stderr)
-                return INCOMPLETE
-        return INCOMPLETE if recorder is not None and recorder.failed else 0
-
-    def stream(self) -> Any:
-        """Where the view goes; None where nobody looks."""
-        if self.rrd is None and not self.view:
-            return None
-        from ndtorch_robot.view import open_stream
-
-        return open_stream(f"run {self.config.stem}", self.rrd, self.view)
+        half = None if self.rrd is None else why_not_whole(self.rrd)
+        if half is not None:
+            print(f"error: {half}", file=sys.stderr)
+        return INCOMPLETE if half is not None or (recorder is not None and recorder.failed) else 0
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:

@@ -7,7 +7,7 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -55,7 +55,7 @@ class MavlinkSettings(Strict):
 
 
 class MavlinkConnection:
-    """A connection to the autopilot of one vehicle, which a link and a bridge share; a thread reads, anybody sends.
+    """A connection to the autopilot of one vehicle; a thread reads, anybody sends.
 
     Attributes:
         dialect: the module with the messages and constants of MAVLink 2.
@@ -64,13 +64,11 @@ class MavlinkConnection:
         now: the time, s.
     """
 
-    open_ones: ClassVar[dict[str, MavlinkConnection]] = {}
-
     def __init__(self, settings: MavlinkSettings) -> None:
         os.environ.setdefault("MAVLINK20", "1")
         mavutil = need("pymavlink.mavutil", "MAVLink")
         self.dialect = need("pymavlink.dialects.v20.common", "MAVLink")
-        self.settings, self.users, self.begun, self.now = settings, 0, time.monotonic(), time.monotonic
+        self.settings, self.begun, self.now = settings, time.monotonic(), time.monotonic
         address = {"baud": settings.baud, "source_system": settings.system_id, "source_component": COMPONENT}
         try:
             self.port = mavutil.mavlink_connection(settings.device, **address, dialect="common", autoreconnect=True)
@@ -82,20 +80,9 @@ class MavlinkConnection:
         self.thread = threading.Thread(target=self.listen, name="mavlink", daemon=True)
         self.thread.start()
 
-    @classmethod
-    def open(cls, settings: MavlinkSettings) -> MavlinkConnection:
-        """The connection to that device, new or shared; each `open` wants a `close`."""
-        if settings.device not in cls.open_ones:
-            cls.open_ones[settings.device] = cls(settings)
-        connection = cls.open_ones[settings.device]
-        connection.users += 1
-        return connection
-
     def close(self) -> None:
-        """Give it back; the last user closes it."""
-        self.users -= 1
-        if not self.users and not self.closing.is_set():
-            self.open_ones.pop(self.settings.device, None)
+        """Give it back. Calling it again does nothing."""
+        if not self.closing.is_set():
             self.closing.set()
             self.thread.join(2.0)
             self.port.close()
@@ -227,9 +214,8 @@ class MavlinkDrive(Drive):
         return {"armed": self.armed(), "mode": self.mode(), "battery_v": volts, "link": self.trouble()}
 
     def close(self) -> None:
-        if self.connection.look_after == self.look_after:
+        if not self.connection.closing.is_set():
             self.stop()
-            self.connection.look_after = lambda: None
             self.connection.close()
 
     def look_after(self) -> None:
@@ -253,7 +239,7 @@ class MavlinkDrive(Drive):
 
 @link("mavlink")
 def open_mavlink(settings: MavlinkSettings, opening: Opening) -> MavlinkDrive:
-    connection = MavlinkConnection.open(settings)
+    connection = MavlinkConnection(settings)
     try:
         return MavlinkDrive(connection, opening.report)
     except BaseException:

@@ -36,15 +36,16 @@ def test_pairing_uses_no_frame_twice(steps, tolerance):
     pairing, clocks, pairs = Pairing(tolerance / 1000), [0, 0], []
     for side, gap in steps:
         clocks[side] += 1 + gap
-        made = pairing.add(side, Frame(None, clocks[side] / 1000, 0.0))
+        made = pairing.add(side, Frame(None, clocks[side] / 1000))
         pairs += [made] if made else []
     for side in (0, 1):
         times = [pair[side].time for pair in pairs]
         assert sorted(set(times)) == times  # each once, in order
-    assert pairing.pairs == len(pairs)
+    assert len(pairing.skews) == len(pairs)
     assert all(abs(pair.right.time - pair.left.time) <= tolerance / 1000 for pair in pairs)
     for side in (0, 1):
-        assert pairing.frames[side] == pairing.pairs + pairing.unpaired[side] + pairing.free[side]
+        given = sum(number == side for number, _ in steps)
+        assert given == len(pairs) + pairing.unpaired[side] + pairing.free[side]
 
 
 def test_frames_are_red_green_blue_and_in_step(tmp_path):

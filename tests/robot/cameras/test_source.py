@@ -1,12 +1,10 @@
 """Opening cameras: what they are set to, what they say of it, and why they cannot be opened."""
 
-import json
 import os
 
 import cv2
 import pytest
 
-from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, list_devices, open_capture
 from ndtorch_robot.cameras.source import set_up
@@ -118,25 +116,3 @@ def test_what_the_kernel_knows(tmp_path):
     assert found[1].by_path.endswith("by-path/pci-usb-0:1-3:1.0-video-index0")
     assert found[2].by_path is None
     assert list_devices(tmp_path / "nowhere", dev) == []
-
-
-def test_command_lists(tmp_path, capsys, monkeypatch):
-    devices = list_devices(*kernel(tmp_path))
-    monkeypatch.setattr("ndtorch_robot.cameras.list_devices", lambda: devices)
-    assert main(["cameras", "--json"]) == 0
-    listed = json.loads(capsys.readouterr().out)["devices"]
-    assert [device["name"] for device in listed] == [device.name for device in devices]
-    assert main(["cameras"]) == 0
-    assert "by-path/pci-usb-0:1-2:1.0-video-index0" in capsys.readouterr().out
-
-
-def test_command_measures_two_films(tmp_path, capsys):
-    films = [str(write_film(tmp_path / name)) for name in ("left.avi", "right.avi")]
-    assert main(["cameras", *films, "--seconds", "2", "--width", "64", "--height", "48", "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert result["left"]["rate_hz"] == pytest.approx(30.0, abs=0.01)
-    # The last frame may still wait for its partner.
-    assert [result[side]["frames"] for side in ("left", "right")] == [20, 20]
-    assert 20 - result["pairs"] - result["unpaired"][0] in (0, 1)
-    assert result["skew_ms"]["max"] == 0.0
-    assert result["left"]["latency_ms"]["p50"] > 0

@@ -22,7 +22,7 @@ class Rig:
         self.time, self.lines = 100.0, []
         port = free_port()
         self.autopilot = Autopilot(port, **autopilot)
-        self.connection = MavlinkConnection.open(MavlinkSettings(device=f"udpin:127.0.0.1:{port}"))
+        self.connection = MavlinkConnection(MavlinkSettings(device=f"udpin:127.0.0.1:{port}"))
         self.connection.now = lambda: self.time
         try:
             self.drive = MavlinkDrive(self.connection, self.lines.append)
@@ -150,8 +150,7 @@ def test_what_cannot_be_opened(monkeypatch):
         Rig(system=7)
     for device in ("udpin:127.0.0.1", "/dev/nothing-there"):
         with pytest.raises(InputError, match="cannot be opened"):
-            MavlinkConnection.open(MavlinkSettings(device=device))
-    assert not MavlinkConnection.open_ones
+            MavlinkConnection(MavlinkSettings(device=device))
 
 
 def test_the_safety_layer_resumes_it_when_it_is_armed(opened):
