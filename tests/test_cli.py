@@ -32,13 +32,12 @@ FILES = {
     "responses.parquet",
     "state.safetensors",
     "weights.png",
-    "weights_over_time.png",
 }
 KEYS = """
     source model objects cuts verdict confidence
     max_weight spectral_radius weights simulated_seconds wall_seconds frames_per_second
 """
-PICTURES = {"frames.png", "outputs.png", "weights.png", "weights_over_time.png"}
+PICTURES = {"frames.png", "outputs.png", "weights.png"}
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -69,7 +68,7 @@ def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.Cap
     video = cv2.VideoCapture(str(tmp_path / "two-bars" / "enhanced.mp4"))
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 38
     assert int(video.get(cv2.CAP_PROP_FRAME_WIDTH)) == 1000
-    for name in ("outputs", "weights", "weights_over_time", "frames"):
+    for name in ("outputs", "weights", "frames"):
         picture = cv2.imread(str(tmp_path / "two-bars" / f"{name}.png"))
         # Something is drawn on the paper.
         assert picture is not None
@@ -247,7 +246,6 @@ def test_a_pipe_that_nobody_reads_holds_up_nothing() -> None:
     "typed",
     [
         "bind two-bars --seconds 0.2 --settle 0.1 --pictures 1 --out {0}",
-        "bind two-bars --seconds 0.2 --settle 0.1 --pictures 0 --rrd {0}/run.rrd --out {0}",
         "render three-bars {0}/bars.mp4 --seconds 0.2",
     ],
 )

@@ -44,7 +44,6 @@ WORKS = {
 
 LACKS = {
     "ndtorch": {
-        "ndtorch bind --seconds 1 --rrd run.rrd": "pip install rerun-sdk",
         "ndtorch drive": "pip install ndtorch-robot",
         "ndtorch benchmark": "pip install ndtorch-train",
     }

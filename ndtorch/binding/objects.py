@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -80,9 +82,14 @@ class BoundObject:
 
     @property
     def direction(self) -> str | None:
-        """The main one of left, right, down and up: of its heading, else of its motion features; None without any."""
+        """The main one of left, right, down and up: of its heading, else of its motion features; None without any, or
+        where it walked more than twice as far as it got."""
         if self.heading is None:
             return strongest(self.features, FEATURES[GROUPS["motion"]])
+        steps = self.path[:: max(1, len(self.path) // 40)]  # longer ones than the noise of places
+        walked = sum(math.dist(a[1:], b[1:]) for a, b in itertools.pairwise(steps))
+        if steps and 2 * math.dist(steps[0][1:], steps[-1][1:]) < walked:
+            return None
         right, down = self.heading
         positive, negative = ACROSS if abs(right) > abs(down) else ALONG
         return positive if max(right, down, key=abs) > 0 else negative

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -35,20 +34,16 @@ class Bind(BindJob):
     """Print one JSON object on stdout and nothing else."""
     open: bool = False
     """Show report.html in the browser when the run has ended."""
-    rrd: Path | None = None
-    """Recording for the rerun viewer to write."""
 
     def run(self) -> int:
         import torch
 
         from ndtorch.binding.models.whole_field import WholeFieldModel
-        from ndtorch.report.exports import ResponseFile, TimelineFile
-        from ndtorch.report.films import EnhancedVideo, Gallery, Overlay
+        from ndtorch.report.exports import ResponseFile
+        from ndtorch.report.films import EnhancedVideo, Film
         from ndtorch.report.page import NAME, folder_name, open_in_browser, write_result
-        from ndtorch.report.recording import Recording, why_not_whole
-        from ndtorch.report.summary import in_words, summary
-        from ndtorch.report.tracks import MaskStore
-        from ndtorch.run.folder import RunFolder, new_file
+        from ndtorch.report.summary import in_words
+        from ndtorch.run.folder import RunFolder
         from ndtorch.run.opening import prepare
         from ndtorch.run.progress import progress_bar
         from ndtorch.run.result import Watcher
@@ -60,26 +55,19 @@ class Bind(BindJob):
         tune_allocator()
         prepared = prepare(self)
         source, model = prepared.source, prepared.model
-        if self.rrd is not None:
-            new_file(self.rrd, self.force)
         folder = RunFolder(self.out / folder_name(source.name), self.force)
         if not self.json:
             print(f"model  {prepared.chosen}", flush=True)
-        work, gallery = folder.work, Gallery() if model.tracks else None
+        work, film = folder.work, None
         watchers: list[Watcher] = []
         try:
-            if gallery is not None:
-                watchers += [MaskStore(), gallery, TimelineFile(work / "timeline.jsonl", source.size)]
-            elif isinstance(model, WholeFieldModel) and find_spec("pyarrow") is not None:
+            if isinstance(model, WholeFieldModel) and find_spec("pyarrow") is not None:
                 watchers.append(ResponseFile(work / "responses.parquet"))
             if self.pictures:
                 rate = source.fps / max(1, round(source.fps / self.pictures))
                 if model.tracks:
-                    watchers.append(Overlay(work / "overlay.mp4", rate, source.full_size))
-                else:
-                    watchers.append(EnhancedVideo(work / "enhanced.mp4", rate, source.size))
-            recording = None if self.rrd is None else Recording(self.rrd)
-            watchers += [] if recording is None else [recording]
+                    film = Film(work / "frames.mp4", rate, source.full_size)
+                watchers.append(film or EnhancedVideo(work / "enhanced.mp4", rate, source.size))
             lengths = [source.length and source.length - prepared.start, prepared.most]
             total = min((one for one in lengths if one is not None), default=None)
             with progress_bar(total, self.json, unit=" frames", leave=False, mininterval=0.5) as bar:
@@ -96,23 +84,18 @@ class Bind(BindJob):
                 )
             for watcher in watchers:
                 watcher.close()
-            if recording is not None:
-                recording.finish(in_words(result))
-            write_result(result, prepared.about, work, prepared.chosen, gallery)
+            found = write_result(result, prepared.about, work, prepared.chosen, film)
         except BaseException:
             folder.discard()
             raise
         files = folder.publish()
         if self.json:
-            print(json.dumps(summary(result), ensure_ascii=False))
+            print(json.dumps(found, ensure_ascii=False))
         else:
             print(in_words(result))
             print(f"written  {folder.final}: {', '.join(path.name for path in files)}")
-        half = None if self.rrd is None else why_not_whole(self.rrd)
-        if half is not None:
-            print(f"error: {half}", file=sys.stderr)
         if self.open:
             open_in_browser(folder.final / NAME)
         if result.interrupted:
             return INTERRUPTED
-        return 0 if half is None and not result.silent else INCOMPLETE
+        return INCOMPLETE if source.silent else 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,16 +17,14 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from ndtorch.binding import BoundObject
-from ndtorch.report.summary import numbered, record
-from ndtorch.report.tracks import Placed, SourceTracks
-from ndtorch.run.result import Watcher
+from ndtorch.report.tracks import TrackRecord
+from ndtorch.run.result import Placed, Watcher
 from ndtorch.vision.features import FEATURES
 
 log = logging.getLogger(__name__)
 
 
-def write_exports(tracks: SourceTracks, folder: Path) -> None:
+def write_exports(tracks: TrackRecord, folder: Path) -> None:
     """Write the file of every format."""
     for name, write in FORMATS.items():
         if name.endswith(".parquet") and find_spec("pyarrow") is None:
@@ -35,7 +33,7 @@ def write_exports(tracks: SourceTracks, folder: Path) -> None:
         write(tracks, folder / name)
 
 
-def write_coco(tracks: SourceTracks, path: Path) -> None:
+def write_coco(tracks: TrackRecord, path: Path) -> None:
     """coco.json, which pycocotools, CVAT and FiftyOne read: images (those without objects too), annotations, tracks."""
     height, width = tracks.size
     files = [f"{n:06d}.jpg" for n in tracks.frames.tolist()] if tracks.files is None else tracks.files
@@ -49,24 +47,15 @@ def write_coco(tracks: SourceTracks, path: Path) -> None:
         mask = tracks.masks[k] or Placed(round(top), round(left), whole)
         annotations.append(
             {
-                "id": k + 1,
-                "image_id": int(tracks.frame[k]),
-                "category_id": 1,
-                "track_id": int(tracks.track[k]),
+                **{"id": k + 1, "image_id": int(tracks.frame[k]), "category_id": 1, "iscrowd": 0},
+                **{"track_id": int(tracks.track[k]), "state": str(tracks.state[k])},
+                **{"area": round(float(tracks.area[k]), 2), "score": round(float(tracks.confidence[k]), 3)},
                 "bbox": [round(side, 2) for side in (left, top, right - left, bottom - top)],
                 "segmentation": {"size": [height, width], "counts": run_lengths(mask, height, width)},
-                "area": round(float(tracks.area[k]), 2),
-                "score": round(float(tracks.confidence[k]), 3),
-                "iscrowd": 0,
             }
         )
-    about = {
-        "info": {"description": tracks.name},
-        "images": images,
-        "categories": [{"id": 1, "name": "object"}],
-        "annotations": annotations,
-    }
-    path.write_text(json.dumps(about), encoding="utf-8")
+    about = {"info": {"description": tracks.name}, "images": images, "annotations": annotations}
+    path.write_text(json.dumps({**about, "categories": [{"id": 1, "name": "object"}]}), encoding="utf-8")
 
 
 def run_lengths(mask: Placed, height: int, width: int) -> str:
@@ -88,22 +77,27 @@ def run_lengths(mask: Placed, height: int, width: int) -> str:
     return "".join(letters)
 
 
-def write_mot(tracks: SourceTracks, path: Path) -> None:
-    """mot.txt, which motmetrics and TrackEval read: frame and object from 1, left, top, width, height, confidence."""
+STATES = ("tentative", "measured", "predicted", "stationary")
+"""States by their number in mot.txt."""
+
+
+def write_mot(tracks: TrackRecord, path: Path) -> None:
+    """mot.txt, which motmetrics and TrackEval read: frame, object, left, top, width, height, confidence, -1, -1,
+    number of the state."""
+    columns = (tracks.frame, tracks.track, tracks.box, tracks.confidence, tracks.state)
     lines = [
-        f"{frame},{track},{left:.2f},{top:.2f},{right - left:.2f},{bottom - top:.2f},{sure:.3f},-1,-1,-1\n"
-        for frame, track, (left, top, right, bottom), sure in zip(
-            tracks.frame.tolist(), tracks.track.tolist(), tracks.box.tolist(), tracks.confidence.tolist(), strict=True
-        )
+        f"{frame},{track},{left:.2f},{top:.2f},{right - left:.2f},{bottom - top:.2f},{sure:.3f},-1,-1,"
+        f"{STATES.index(state)}\n"
+        for frame, track, (left, top, right, bottom), sure, state in zip(*(c.tolist() for c in columns), strict=True)
     ]
     path.write_text("".join(lines), encoding="utf-8")
 
 
-def table(tracks: SourceTracks) -> dict[str, Any]:
-    """Frame, time, track, box, center, area, speed, confidence, and the features of the object, a column each."""
+def table(tracks: TrackRecord) -> dict[str, Any]:
+    """A column each for frame, time, track, state, box, center, area, speed, confidence, features of the object."""
     left, top, right, bottom = tracks.box.T
     columns: dict[str, Any] = {
-        **{name: getattr(tracks, name) for name in ("frame", "time", "track")},
+        **{name: getattr(tracks, name) for name in ("frame", "time", "track", "state")},
         **{"left": left, "top": top, "width": right - left, "height": bottom - top},
         **{"center_x": tracks.center[:, 0], "center_y": tracks.center[:, 1]},
         **{name: getattr(tracks, name) for name in ("area", "speed", "confidence")},
@@ -114,7 +108,7 @@ def table(tracks: SourceTracks) -> dict[str, Any]:
     return columns
 
 
-def write_csv(tracks: SourceTracks, path: Path) -> None:
+def write_csv(tracks: TrackRecord, path: Path) -> None:
     """tracks.csv, for spreadsheets: a row a box, with four decimals."""
     columns = table(tracks)
     with path.open("w", encoding="utf-8", newline="") as file:
@@ -124,7 +118,7 @@ def write_csv(tracks: SourceTracks, path: Path) -> None:
             writer.writerow([f"{value:.4f}" if isinstance(value, float) else value for value in row])
 
 
-def write_parquet(tracks: SourceTracks, path: Path) -> None:
+def write_parquet(tracks: TrackRecord, path: Path) -> None:
     """tracks.parquet, for pandas, polars, R and DuckDB: the table of tracks.csv with its types."""
     import pyarrow
     import pyarrow.parquet
@@ -132,33 +126,13 @@ def write_parquet(tracks: SourceTracks, path: Path) -> None:
     pyarrow.parquet.write_table(pyarrow.table(table(tracks)), path)
 
 
-FORMATS: dict[str, Callable[[SourceTracks, Path], None]] = {
+FORMATS: dict[str, Callable[[TrackRecord, Path], None]] = {
     "coco.json": write_coco,
     "mot.txt": write_mot,
     "tracks.csv": write_csv,
     "tracks.parquet": write_parquet,
 }
 """What writes each file; for another format add its function here."""
-
-
-class TimelineFile(Watcher):
-    """timeline.jsonl: one line an object, written when it is lost, or at the end of the run.
-
-    An object that stays in sight for some thousand detections has a line for each part of its path.
-
-    Args:
-        path: the file.
-        size: height and width of the frames, pixels.
-    """
-
-    def __init__(self, path: Path, size: tuple[int, int]) -> None:
-        self.path, self.size = path, size
-        path.touch()
-
-    def objects(self, things: Sequence[BoundObject]) -> None:
-        lines = [json.dumps(record(n, thing, self.size), ensure_ascii=False) + "\n" for n, thing in numbered(things)]
-        with self.path.open("a", encoding="utf-8") as file:
-            file.writelines(lines)
 
 
 class ResponseFile(Watcher):

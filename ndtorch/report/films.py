@@ -1,21 +1,19 @@
-"""Films and pictures of a run, made while it goes on: the enhanced image, the objects marked in the video."""
+"""Films and pictures of a run: the enhanced image, the objects marked in the video."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from ndtorch.binding import BoundObject
-from ndtorch.report.plots import STYLES, brightened
+from ndtorch.report.plots import brightened, color_of
+from ndtorch.report.tracks import TrackRecord
 from ndtorch.run.result import Picture, Pixels, Watcher
 from ndtorch.scenes.video_writer import VideoWriter
-from ndtorch.vision.features import FEATURES
 
-STEP = {"left": (-1, 0), "right": (1, 0), "down": (0, 1), "up": (0, -1)}
-"""Columns and rows of an arrow towards a direction."""
 FADE_S = 4.0
 """After this time a bright moment no longer sets the scale."""
 CROP_SIDE, CROPS, POSTER_SIDE = 200, 60, 1280
@@ -23,20 +21,27 @@ CROP_SIDE, CROPS, POSTER_SIDE = 200, 60, 1280
 
 
 class Film(Watcher):
-    """A film of the pictures of a run.
+    """A film of the frames of a run.
 
     Args:
         path, fps, size: of the film; height and width are made even, as codecs want them.
+
+    Attributes:
+        times: of its frames, seconds since the first frame of the source.
     """
 
     def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
-        self.size = size[0] // 2 * 2, size[1] // 2 * 2
+        self.path, self.fps, self.size = path, fps, (size[0] // 2 * 2, size[1] // 2 * 2)
+        self.times: list[float] = []
         self.writer = VideoWriter(path, fps, self.size)
 
+    def picture(self, picture: Picture) -> None:
+        self.write(picture.frame, picture.time)
+
     def write(self, image: Pixels, seconds: float) -> None:
-        """Add an image `[H, W, 3]` with the time at its lower left."""
-        image = np.ascontiguousarray(image[: self.size[0], : self.size[1]]).copy()
-        put_text(image, f"{seconds:.1f} s", 4, len(image) - 5, (0, 0, 0))
+        """Add an image `[H, W, 3]`."""
+        self.times.append(seconds)
+        image = np.ascontiguousarray(image[: self.size[0], : self.size[1]])
         self.writer.write(torch.from_numpy(image).permute(2, 0, 1))
 
     def close(self) -> None:
@@ -58,63 +63,50 @@ class EnhancedVideo(Film):
         self.brightest = max(self.keep * self.brightest, float(picture.enhanced.max()), 1.0)
         gain = brightened(np.array([self.brightest], np.uint8), float(picture.frame.max()))[1]
         enhanced = (picture.enhanced * gain).clip(0, 255).astype(np.uint8)
-        self.write(np.concatenate([picture.frame, enhanced], 1), picture.time)
+        self.write(timed(np.concatenate([picture.frame, enhanced], 1), picture.time), picture.time)
 
 
-class Overlay(Film):
-    """overlay.mp4: the video with every object in sight marked."""
+def draw_overlay(film: Film, tracks: TrackRecord, folder: Path) -> Pixels | None:
+    """Mark the objects in a film of the source, which is removed: overlay.mp4, poster.jpg, the picture with the most of
+    them in it, and objects.jpg, the largest view of each object over its number.
 
-    def picture(self, picture: Picture) -> None:
-        self.write(marked(picture.frame, picture.objects), picture.time)
-
-
-class Gallery(Watcher):
-    """The picture with the most of the objects in it, and the largest view of each object.
-
-    Attributes:
-        poster: that picture, objects marked, and without; None before any.
-        crops: views by number of object.
+    Returns:
+        The poster without marks, None without any picture.
     """
+    import av
 
-    def __init__(self) -> None:
-        self.crops = dict[int, Pixels]()
-        self.poster: tuple[Pixels, Pixels] | None = None
-        self._areas = dict[int, float]()
-        self._best = -1.0
-
-    def picture(self, picture: Picture) -> None:
-        total = 0.0
-        for thing in picture.objects:
-            if thing.box is None or thing.number is None:
-                continue
-            left, top, right, bottom = thing.box
-            area = (right - left) * (bottom - top)
-            total += area**0.5
-            if area > self._areas.get(thing.number, 0.0) and (thing.number in self.crops or len(self.crops) < CROPS):
-                rim = 0.1 * max(right - left, bottom - top) + 2
-                rows = slice(max(0, int(top - rim)), max(1, int(bottom + rim)))
-                columns = slice(max(0, int(left - rim)), max(1, int(right + rim)))
-                self._areas[thing.number] = area
-                self.crops[thing.number] = resized(picture.frame[rows, columns], CROP_SIDE)
-        if total > self._best:
-            self._best, self.poster = total, (marked(picture.frame, picture.objects), picture.frame)
-
-    def write(self, folder: Path) -> None:
-        """Write poster.jpg, and objects.jpg: six views in a row, each over the number of its object."""
-        if self.poster is not None:
-            write_jpeg(resized(self.poster[0], POSTER_SIDE), folder / "poster.jpg")
-        edge, views = CROP_SIDE + 30, []
-        for number in sorted(self.crops):
-            view = np.full((edge, edge, 3), 255, np.uint8)
-            crop = self.crops[number]
-            view[: len(crop), : crop.shape[1]] = crop
-            put_text(view, f"object {number}", 2, edge - 8, (40, 40, 40))
-            views.append(view)
-        if views:
-            across = min(6, len(views))
-            views += [np.full_like(views[0], 255)] * (-len(views) % across)
-            rows = [np.concatenate(views[k : k + across], 1) for k in range(0, len(views), across)]
-            write_jpeg(np.concatenate(rows), folder / "objects.jpg")
+    if not film.times:
+        return None
+    overlay, best, poster = Film(folder / "overlay.mp4", film.fps, film.size), -1.0, None
+    areas, crops = dict[int, float](), dict[int, Pixels]()
+    with av.open(str(film.path)) as container:
+        for time, decoded in zip(film.times, container.decode(video=0), strict=False):
+            frame, rows = np.asarray(decoded.to_ndarray(format="rgb24"), np.uint8), tracks.rows_at(time)
+            image = marked(frame, tracks, rows)
+            overlay.write(timed(image, time), time)
+            for k in rows:
+                (left, top, right, bottom), number = tracks.box[k], int(tracks.track[k])
+                area = (right - left) * (bottom - top)
+                if area > areas.get(number, 0.0) and (number in crops or len(crops) < CROPS):
+                    rim = 0.1 * max(right - left, bottom - top) + 2
+                    part = frame[max(0, int(top - rim)) : int(bottom + rim), max(0, int(left - rim)) : int(right + rim)]
+                    if part.size:
+                        areas[number], crops[number] = area, resized(part, CROP_SIDE)
+            total = float(np.sqrt((tracks.box[rows, 2:] - tracks.box[rows, :2]).prod(1)).sum())
+            if total + len(rows) > best:
+                best, poster = total + len(rows), frame
+                write_jpeg(resized(image, POSTER_SIDE), folder / "poster.jpg")
+    overlay.close()
+    film.path.unlink()
+    if crops:
+        edge, across = CROP_SIDE + 30, min(6, len(crops))
+        sheet = np.full((-(-len(crops) // across) * edge, across * edge, 3), 255, np.uint8)
+        for n, number in enumerate(sorted(crops)):
+            cell = sheet[n // across * edge :, n % across * edge :][:edge, :edge]
+            cell[: len(crops[number]), : crops[number].shape[1]] = crops[number]
+            put_text(cell, f"object {number}", 2, edge - 8, (40, 40, 40))
+        write_jpeg(sheet, folder / "objects.jpg")
+    return poster
 
 
 def resized(image: Pixels, longest: int) -> Pixels:
@@ -135,39 +127,36 @@ def write_jpeg(image: Pixels, path: Path) -> None:
     path.write_bytes(data.tobytes())
 
 
-def rgb(feature: str | int) -> tuple[int, int, int]:
-    """Color of a feature, by name or number, as three values in 0..255; grey for what is none."""
-    name = FEATURES[feature] if isinstance(feature, int) else feature
-    if name not in STYLES:
-        level = {"white": 255, "black": 0}.get(name, 136)
-        return level, level, level
-    red, green, blue = bytes.fromhex(STYLES[name].color[1:])
+def rgb(name: str) -> tuple[int, int, int]:
+    """A color of `color_of` as three values in 0..255."""
+    red, green, blue = bytes.fromhex(color_of(name)[1:])
     return red, green, blue
 
 
-def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
-    """The frame `[H, W, 3]` with each object in its color: its box, or a circle and an arrow; and its label."""
+def marked(frame: Pixels, tracks: TrackRecord, rows: Sequence[int]) -> Pixels:
+    """The frame `[H, W, 3]` with the box, or a circle, of each object in its color; and its number and color."""
     import cv2
 
     image = np.ascontiguousarray(frame).copy()
     pen = max(1, round(len(image) / 500))
-    for thing in things:
-        if thing.place is None:
-            continue
+    for k in rows:
+        thing, radius = tracks.objects[int(tracks.track[k])], round(0.08 * len(image))
+        left, top, right, bottom = map(round, tracks.box[k].tolist())
         color = rgb(thing.color)
-        x, y = (round(side) for side in thing.place)
-        radius = round(0.08 * len(image) * max(1.0, (thing.fields or 1) ** 0.5 / 2))
-        left, top, right, bottom = map(round, thing.box or (x - radius, y - radius, x + radius, y + radius))
-        across, down = STEP.get(thing.direction or "", (0, 0))
         for ink, width in ((contrasting(color), 3 * pen), (color, pen)):
-            if thing.box is not None:
+            if tracks.boxed:
                 cv2.rectangle(image, (left, top), (right, bottom), ink, width, cv2.LINE_AA)
             else:
-                cv2.circle(image, (x, y), radius, ink, width, cv2.LINE_AA)
-                tip = x + 2 * radius * across, y + 2 * radius * down
-                cv2.arrowedLine(image, (x, y), tip, ink, width, cv2.LINE_AA, tipLength=0.35)
-        label = thing.color if thing.number is None else f"#{thing.number} {thing.color}"
-        put_text(image, label, left, top - 4, color)
+                cv2.circle(image, (left, top), radius, ink, width, cv2.LINE_AA)
+        above = 0 if tracks.boxed else radius
+        put_text(image, f"#{thing.number} {thing.color}", left - above, top - above - 4, color)
+    return image
+
+
+def timed(image: Pixels, seconds: float) -> Pixels:
+    """A copy of an image `[H, W, 3]` with the time at its lower left."""
+    image = np.ascontiguousarray(image).copy()
+    put_text(image, f"{seconds:.1f} s", 4, len(image) - 5, (0, 0, 0))
     return image
 
 

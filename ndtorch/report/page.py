@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 from ndtorch.binding import save_state
 from ndtorch.report.exports import write_exports
-from ndtorch.report.films import Gallery
+from ndtorch.report.films import Film, draw_overlay
 from ndtorch.report.plots import draw_all, draw_timeline
-from ndtorch.report.summary import NOTHING_MOVED, features_table, numbered, summary, verdict_words, words
-from ndtorch.report.tracks import source_tracks
+from ndtorch.report.summary import NOTHING_MOVED, features_table, span, summary, verdict_words, words
+from ndtorch.report.tracks import track_record
 from ndtorch.run.result import RunResult
 from ndtorch.utils.files import write_text
 
@@ -120,14 +120,13 @@ SHOWN = (
     ("poster.jpg", "The objects", "The picture in which most of them are in view."),
     ("objects.jpg", "Each object", "Where it was seen largest, over its number."),
     ("overlay.mp4", "The video, objects marked", "Box or circle in the object's color, its number, its color in words, "
-     "an arrow where it moves, and the clock."),
+     "and the clock."),
     ("timeline.png", "Objects over time", "Above: a lane an object, thick while it is in sight. Below: where it went."),
     ("enhanced.mp4", "Input and attention", "Left: what the model sees. Right: the same, weighted by the features of "
      "the winning neuron, brightened as far as the input."),
     ("frames.png", "Attention", "Input and enhanced image at the clearest moment of every winner."),
     ("weights.png", "What was learned", "Each column holds the weights from one neuron to all others. Neurons that "
      "own an object have large ones, and their column is the object's list of features."),
-    ("weights_over_time.png", "How it was learned", "Weights that each owner sends to the others."),
     ("outputs.png", "Outputs of the neurons", "A lane a neuron, all to the same scale. Owners are bold. What an owner "
      "inhibits fades as its weight grows."),
 )  # fmt: skip
@@ -138,26 +137,31 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
     """Write report.html about a run whose other files are in `folder`."""
     count = len(result.objects)
     answer = [f"{count} object{'s' * (count != 1)} found." if count else "No objects found."]
-    answer += [f"Object {number}: {words(thing).strip()}." for number, thing in numbered(result.objects)]
-    if result.table is not None:
+    answer += [
+        f"Object {thing.number}: {span(thing).strip()} {words(thing)}.".replace("  ", " ") for thing in result.objects
+    ]
+    if not result.model.tracks:
         answer.append(f"Verdict: {verdict_words(result)}.")
     elif not count:
         answer.append(f"{NOTHING_MOVED[0].upper()}{NOTHING_MOVED[1:]}.")
     if result.interrupted:
         answer.append("The run was stopped early; this is what was found so far.")
+    height, width = result.source.size
     facts = {
-        "source": result.source,
-        "frames": f"{result.frames} of {result.size[1]} x {result.size[0]} pixels, {result.simulated_seconds:g} s",
+        "source": result.source.name,
+        "frames": f"{result.frames} of {width} x {height} pixels, {result.simulated_seconds:g} s",
         "model": chosen,
         "time taken": f"{result.wall_seconds:.1f} s",
         **versions(),
     }
     heads, rows = features_table(result.objects)
-    rows = [[str(number), *row] for (number, _), row in zip(numbered(result.objects), rows, strict=True)]
+    rows = [[str(thing.number), *row] for thing, row in zip(result.objects, rows, strict=True)]
     remark = "Shares of the strongest; an empty cell: none of it."
     tables = [Table("Features of every object", ["object", *heads], rows, remark)] if count else []
     shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN]
-    return Page(f"{result.source}: what moves together", answer, command_line(), facts, tables, shown).write(folder)
+    return Page(f"{result.source.name}: what moves together", answer, command_line(), facts, tables, shown).write(
+        folder
+    )
 
 
 def folder_name(name: str) -> str:
@@ -167,23 +171,29 @@ def folder_name(name: str) -> str:
 
 
 def write_result(
-    result: RunResult, about: Mapping[str, Any], folder: Path, chosen: str, gallery: Gallery | None = None
-) -> None:
-    """Write objects.json and state.safetensors, the figures (of owners, or of tracks over time) and report.html.
+    result: RunResult, about: Mapping[str, Any], folder: Path, chosen: str, film: Film | None = None
+) -> dict[str, Any]:
+    """Write objects.json and state.safetensors, the figures and films (of owners, or of tracks) and report.html.
 
-    `about` is what is needed to go on later.
+    Args:
+        about: what is needed to go on later.
+        chosen: the model in words.
+        film: of the source, in which tracks are marked.
+
+    Returns:
+        The contents of objects.json.
     """
-    text = json.dumps(summary(result), indent=2, ensure_ascii=False)
-    (folder / "objects.json").write_text(text + "\n", encoding="utf-8")
     about = {**about, "frames": about["frames"] + result.frames}
     save_state(result.state, folder / "state.safetensors", {"run": json.dumps(about)})
-    if result.table is not None:
+    tracks = track_record(result) if result.model.tracks else None
+    if tracks is None:
         draw_all(result, folder)
     else:
-        if any(thing.boxes for thing in result.objects):
-            write_exports(source_tracks(result), folder)
-        poster = None if gallery is None or gallery.poster is None else gallery.poster[1]
-        draw_timeline(result, folder / "timeline.png", poster)
-        if gallery is not None:
-            gallery.write(folder)
+        if tracks.boxed:
+            write_exports(tracks, folder)
+        poster = None if film is None else draw_overlay(film, tracks, folder)
+        draw_timeline(result, tracks, folder / "timeline.png", poster)
+    found = summary(result, tracks)
+    (folder / "objects.json").write_text(json.dumps(found, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     write_run_page(result, folder, chosen)
+    return found

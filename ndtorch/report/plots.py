@@ -5,16 +5,16 @@ Time on the axes of networks counts from the start of second-stage learning, as 
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.report.summary import numbered
+from ndtorch.report.summary import words
+from ndtorch.report.tracks import TrackRecord
 from ndtorch.run.result import Floats, Pixels, RunResult
 from ndtorch.vision.features import FEATURES, GROUPS
 
@@ -44,11 +44,16 @@ STYLES: dict[str, Style] = {
     "blue": Style("#0072b2", "solid"),
 }
 """Style of every feature, in the order of `FEATURES`."""
-GREY = "#888888"
+SHADES = {"white": "#ffffff", "grey": "#888888", "black": "#000000"}
 DPI = 110
 MAX_GAIN = 10.0
 """Most that an enhanced image is brightened by."""
 TIME_LABEL = "time since learning began (s)"
+
+
+def color_of(name: str) -> str:
+    """The color that stands for a feature or a shade in all figures and films, as "#rrggbb"."""
+    return STYLES[name].color if name in STYLES else SHADES.get(name, SHADES["grey"])
 
 
 def save(figure: Figure, path: str | Path) -> Path:
@@ -67,7 +72,7 @@ def new_figure(result: RunResult, what: str, width: float, height: float) -> Fig
     figure = Figure((width, height), dpi=DPI, layout="constrained")
     names = ", ".join(thing.neuron for thing in result.objects)
     text = (
-        f"{result.source[-48:]}: {what}\n{len(result.objects)} objects{f' ({names})' if names else ''}, "
+        f"{result.source.name[-48:]}: {what}\n{len(result.objects)} objects{f' ({names})' if names else ''}, "
         f"{result.verdict}, {result.simulated_seconds:.1f} s{', interrupted' if result.interrupted else ''}"
     )
     figure.suptitle(text, fontsize=11).set_parse_math(False)  # names of files may hold dollar signs
@@ -75,10 +80,10 @@ def new_figure(result: RunResult, what: str, width: float, height: float) -> Fig
 
 
 def draw_all(result: RunResult, folder: str | Path) -> list[Path]:
-    """Write outputs.png, weights.png, weights_over_time.png and frames.png into `folder`, made if missing."""
+    """Write outputs.png, weights.png and frames.png into `folder`, made if missing."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    drawings = (draw_outputs, draw_weights, draw_weights_over_time, draw_frames)
+    drawings = (draw_outputs, draw_weights, draw_frames)
     return [draw(result, folder / f"{draw.__name__.removeprefix('draw_')}.png") for draw in drawings]
 
 
@@ -107,7 +112,7 @@ def draw_traces(
 def draw_outputs(result: RunResult, path: str | Path) -> Path:
     """Second-stage outputs over time, a lane a neuron, all to one scale; owners of objects are bold. [B fig. 8a, 10]"""
     figure = new_figure(result, "outputs of the second stage", 9.6, 6.5)
-    times, samples = result.outputs.times - result.settle, result.outputs.samples
+    times, samples = result.outputs.times - result.model.settle, result.outputs.samples
     owners = {thing.index for thing in result.objects}
     # Filters that start leave a spike, which may leave its lane.
     after = samples[times >= min(0.0, float(times[-1]))] if len(times) else samples
@@ -123,8 +128,11 @@ def draw_outputs(result: RunResult, path: str | Path) -> Path:
 
 def draw_weights(result: RunResult, path: str | Path) -> Path:
     """The final 10 x 10 weights beside the table of objects, owners as columns. [B fig. 8d, e]"""
-    assert result.table is not None
-    kept = result.table.rows.mT.float().cpu().numpy() if result.objects else np.zeros_like(result.final_weights)
+    kept = (
+        result.model.table(result.state).rows.mT.float().cpu().numpy()
+        if result.objects
+        else np.zeros_like(result.final_weights)
+    )
     figure = new_figure(result, "weights of the second stage", 13.2, 6.7)
     learned, read = figure.subplots(1, 2)
     top = float(result.final_weights.max()) or 1.0
@@ -154,34 +162,17 @@ def draw_matrix(axes: Axes, values: Floats, top: float) -> AxesImage:
     return picture
 
 
-def draw_weights_over_time(result: RunResult, path: str | Path) -> Path:
-    """Weights that each owner sends to the others, a panel an owner; without owners, four. [B fig. 8b, c]"""
-    things = {thing.index: thing for thing in result.objects}
-    shown: list[int] = list(things) or np.argsort(-result.final_weights.sum(0), kind="stable")[:4].tolist()
-    across = min(3, len(shown))
-    down = math.ceil(len(shown) / across)
-    figure = new_figure(result, "weights over time", 1.0 + 4.6 * across, 0.9 + 2.9 * down)
-    panels: Any = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
-    for axes, k in zip(panels.flat, shown, strict=False):
-        bold = [FEATURES.index(name) for name in things[k].features if name != FEATURES[k]] if k in things else []
-        others = [j for j in range(10) if j != k]
-        draw_traces(axes, result.weights.times - result.settle, result.weights.samples[:, :, k], others, bold)
-        axes.set_title(f"from the {FEATURES[k]} neuron to:", fontsize=10, color=STYLES[FEATURES[k]].color)
-    figure.supxlabel(TIME_LABEL, fontsize=9)
-    figure.supylabel("weight (no unit)", fontsize=9)
-    return save(figure, path)
-
-
 def draw_frames(result: RunResult, path: str | Path) -> Path:
     """Input and image of visual attention at the clearest moment of every winner, a row a winner. [C fig. 6]"""
-    moments = sorted(result.moments.values(), key=lambda moment: moment.time)
+    moments = sorted((one.picture for one in result.moments.values()), key=lambda picture: picture.time)
     figure = new_figure(result, "attention" if moments else "attention: no winner", 7.6, 1 + 3.6 * max(len(moments), 1))
     if not moments:
         return save(figure, path)
     for (left, right), moment in zip(figure.subplots(len(moments), 2, squeeze=False), moments, strict=True):
-        name, (enhanced, gain) = FEATURES[moment.neuron], brightened(moment.enhanced)
+        assert moment.enhanced is not None
+        name, (enhanced, gain) = FEATURES[moment.winner], brightened(moment.enhanced)
         left.imshow(moment.frame)
-        left.set_title(f"input, {moment.time - result.settle:.1f} s into learning", fontsize=9)
+        left.set_title(f"input, {moment.time - result.model.settle:.1f} s into learning", fontsize=9)
         right.imshow(enhanced)
         right.set_title(f"{name}, attended to (shown {gain:.1f}x)", fontsize=9, color=STYLES[name].color)
         for axes in (left, right):
@@ -195,32 +186,33 @@ def brightened(enhanced: Pixels, largest: float = 255) -> tuple[Pixels, float]:
     return (enhanced * gain).clip(0, 255).astype(np.uint8), gain
 
 
-def draw_timeline(result: RunResult, path: Path, picture: Pixels | None = None) -> Path:
+def draw_timeline(result: RunResult, tracks: TrackRecord, path: Path, picture: Pixels | None = None) -> Path:
     """timeline.png: a lane an object, thick where it is in sight, and all paths in the picture."""
     from matplotlib.figure import Figure
 
-    height, width = result.full_size
-    count = len(result.objects)
+    (height, width), count = tracks.size, len(tracks.objects)
     above, below = 1.2 + 0.42 * max(count, 2), min(9.0 * height / width, 7.5) + 0.8
     figure = Figure((10.0, above + below), dpi=100, layout="constrained")
     lanes, where = figure.subplots(2, 1, height_ratios=[above, below])
-    for lane, (number, thing) in enumerate(numbered(result.objects)):
-        color = STYLES[thing.color].color if thing.color in STYLES else GREY
-        points = np.array(thing.path or [(thing.last_seen or 0.0, *(thing.place or (0.0, 0.0)))], np.float64)
-        times, places = points[:, 0], result.pixel_map.points(points[:, 1:])
-        lanes.plot([times[0], times[-1]], [lane, lane], color=color, lw=1.5)
-        for part in np.split(times, np.nonzero(np.diff(times) > 0.3)[0] + 1):
+    lanes.set_facecolor("0.85")  # on which white is seen
+    for lane, (number, thing) in enumerate(tracks.objects.items()):
+        rows, color = tracks.rows_of(number), color_of(thing.color)
+        times, places = tracks.time[rows], tracks.center[rows]
+        for part in np.split(times, np.nonzero(np.diff(times) > 0.3)[0] + 1) if rows else ():
             lanes.plot([part[0], part[-1]], [lane, lane], color=color, lw=13, solid_capstyle="butt")
-        where.plot(*places.T, color=color, lw=2)
-        where.plot(*places[-1], ">" if places[-1, 0] > places[0, 0] else "<", color=color)
-        where.annotate(str(number), places[0], color=color, weight="bold", fontsize=12)
+        if rows:
+            where.plot(*places.T, color=color, lw=2)
+            where.plot(*places[-1], "o", color=color)
+            where.annotate(str(number), places[0], color=color, weight="bold", fontsize=12)
     for time in result.cuts:
         lanes.axvline(time, color="0.5", lw=1, ls=":")
-    names = [f"{n}: {thing.color}, {thing.direction or 'no direction'}" for n, thing in numbered(result.objects)]
+    names = [f"{number}: {words(thing)}" for number, thing in tracks.objects.items()]
     lanes.set_yticks(range(count), names)
-    end = max([result.simulated_seconds, *result.outputs.times[-1:]])  # of a resumed run from its first frame on
+    end = max([result.simulated_seconds, *tracks.times[-1:]])
     lanes.set(xlim=(0, end), ylim=(max(count, 1) - 0.4, -0.6), xlabel="time (s)")
-    lanes.set_title(f"{result.source}: {count} objects", loc="left", fontsize=11).set_parse_math(False)
+    lanes.set_title(
+        f"{result.source.name}: {count} object{'s' * (count != 1)}", loc="left", fontsize=11
+    ).set_parse_math(False)
     if picture is not None:
         where.imshow(picture, extent=(0, width, height, 0), alpha=0.75)
     where.set(xlim=(0, width), ylim=(height, 0), aspect="equal", xlabel="column (pixels)", ylabel="row (pixels)")

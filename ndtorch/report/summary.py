@@ -8,6 +8,7 @@ from typing import Any
 import torch
 
 from ndtorch.binding import BoundObject, describe, spectral_radius
+from ndtorch.report.tracks import TrackRecord
 from ndtorch.run.result import RunResult
 from ndtorch.vision import FEATURES
 
@@ -24,16 +25,16 @@ NOTHING_MOVED = (
 )
 
 PATH_HZ = 5.0
-"""Places written of every object a second."""
+"""Rows of every object a second in objects.json."""
 
 
-def summary(result: RunResult) -> dict[str, Any]:
+def summary(result: RunResult, tracks: TrackRecord | None = None) -> dict[str, Any]:
     """What `--json` prints and objects.json holds."""
     weights = torch.from_numpy(result.final_weights)
     return {
-        "source": result.source,
-        "model": result.model,
-        "objects": [record(number, thing, result.size) for number, thing in numbered(result.objects)],
+        "source": result.source.name,
+        "model": result.model.name,
+        "objects": [as_data(thing, tracks) for thing in result.objects],
         "cuts": [round(time, 3) for time in result.cuts],
         "verdict": result.verdict,
         "confidence": result.confidence,
@@ -46,48 +47,34 @@ def summary(result: RunResult) -> dict[str, Any]:
     }
 
 
-def numbered(things: Sequence[BoundObject]) -> list[tuple[int, BoundObject]]:
-    """The objects with their numbers, from 1 in the order in which they appeared, which the overlay shows too."""
-    return [(place if thing.number is None else thing.number, thing) for place, thing in enumerate(things, 1)]
-
-
-def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, Any]:
-    """One object as plain data; places are row and column, boxes top, left, bottom and right, as shares of the
-    picture's height and width."""
+def as_data(thing: BoundObject, tracks: TrackRecord | None) -> dict[str, Any]:
+    """One object as plain data; of tracks with rows of the record, at most `PATH_HZ` a second."""
+    features = {name: round(value, 3) for name, value in thing.features.items()}
     sure = {} if thing.confidence is None else {"confidence": thing.confidence}
-    if thing.place is None or thing.first_seen is None or thing.last_seen is None:
-        return {"neuron": thing.neuron, "features": thing.features, **sure}
-    chosen: list[int] = []
-    for n, (time, *_) in enumerate(thing.path):
-        if not chosen or time - thing.path[chosen[-1]][0] >= 1 / PATH_HZ - 1e-6:
-            chosen.append(n)
-    height, width = size
-    path = [thing.path[n] for n in chosen]
-    boxes = [thing.boxes[n] for n in chosen] if thing.boxes else []
-    shares = [[round(y, 3) for y in (b / height, a / width, d / height, c / width)] for a, b, c, d in boxes]
+    if tracks is None or thing.number is None:
+        return {"neuron": thing.neuron, "features": features, **sure}
+    columns = (tracks.frame, tracks.time.round(3), tracks.box.round(2), tracks.state)
+    heads = ("frame", "time", "box", "state")
+    rows = tracks.rows_of(thing.number, 1 / PATH_HZ)
     return {
-        "object": number,
+        "object": thing.number,
         "color": thing.color,
         "direction": thing.direction,
-        "appeared": round(thing.first_seen, 3),
-        "disappeared": round(thing.last_seen, 3),
-        "neuron": thing.neuron,
+        "appeared": round(thing.first_seen or 0.0, 3),
+        "disappeared": round(thing.last_seen or 0.0, 3),
         **sure,
-        "features": {name: round(value, 3) for name, value in thing.features.items()},
-        "path": [[round(time, 3), round(y / height, 3), round(x / width, 3)] for time, x, y in path],
-        **({"boxes": shares} if shares else {}),
+        "features": features,
+        "path": [dict(zip(heads, (column[k].tolist() for column in columns), strict=True)) for k in rows],
     }
 
 
 def in_words(result: RunResult) -> str:
     """The objects and the verdict, as text for people."""
-    lines = [f"{result.source}: {result.simulated_seconds:g} s seen in {result.wall_seconds:.1f} s", ""]
-    lines += [f"object {number}: {words(thing)}" for number, thing in numbered(result.objects)]
-    if result.earlier:
-        lines.append(f"{result.earlier} earlier objects are in timeline.jsonl alone")
+    lines = [f"{result.source.name}: {result.simulated_seconds:g} s seen in {result.wall_seconds:.1f} s", ""]
+    lines += [f"object {thing.number}: {span(thing)}{words(thing)}" for thing in result.objects]
     if not result.objects:
         lines.append("no objects")
-    if result.table is not None:
+    if not result.model.tracks:
         heads, rows = features_table(result.objects)
         if rows:
             lines += [
@@ -113,20 +100,28 @@ def verdict_words(result: RunResult) -> str:
     return VERDICTS[result.verdict]
 
 
+def span(thing: BoundObject) -> str:
+    """When an object was in sight; nothing where no time is known."""
+    known = thing.first_seen is not None and thing.last_seen is not None
+    return f"{thing.first_seen:5.1f} - {thing.last_seen:5.1f} s  " if known else ""
+
+
 def words(thing: BoundObject) -> str:
-    """One object: when, and what it looked like, or its features where no time is known."""
-    if thing.first_seen is None or thing.last_seen is None:
+    """What an object looked like: a track its color and direction, an owner all of its features."""
+    if thing.first_seen is None:
         return describe(thing)
-    moving = f"moving {thing.direction}" if thing.direction else "no direction of motion"
-    return f"{thing.first_seen:5.1f} - {thing.last_seen:5.1f} s  {thing.color}, {moving}"
+    return f"{thing.color}, moving {thing.direction}" if thing.direction else thing.color
 
 
 def features_table(things: Sequence[BoundObject]) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of a table: a row an object, a column a feature, empty where it has none of it."""
     sure = bool(things) and all(thing.confidence is not None for thing in things)
-    heads = ["neuron", *FEATURES, *["confidence"] * sure]
+    first = "neuron" if not things or things[0].first_seen is None else "color"
+    heads = [first, *FEATURES, *["confidence"] * sure]
     rows = []
     for thing in things:
         cells = [f"{thing.features[name]:.2f}" if name in thing.features else "" for name in FEATURES]
-        rows.append([thing.neuron, *cells, *[f"{thing.confidence or 0:.2f}"] * sure])
+        rows.append(
+            [thing.neuron if first == "neuron" else thing.color, *cells, *[f"{thing.confidence or 0:.2f}"] * sure]
+        )
     return heads, rows

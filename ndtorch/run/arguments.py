@@ -41,6 +41,7 @@ RANGES = {
     **dict.fromkeys(("scenes", "workers", "trials", "clips", "every"), (1, 10**6)),
     **dict.fromkeys(("seconds", "settle"), (0, 1e7)),
     **dict.fromkeys(("fps", "rate"), (0, 1e5)),
+    "pictures": (0, 1000),
 }
 """What a number may be, wherever an option of that name is; others are within 1e9 of 0."""
 

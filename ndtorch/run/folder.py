@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from ndtorch.errors import InputError
-from ndtorch.utils.files import TABLE_BYTES, read_text, sync, write_text
+from ndtorch.utils.files import sync
 
 UNFINISHED = "unfinished"
 """Where files are until a run has ended. It is no hidden name: what a killed run leaves can be seen."""
@@ -38,7 +35,9 @@ class RunFolder:
 
     def __init__(self, wanted: Path, force: bool = False) -> None:
         self.parents = [parent for parent in wanted.parents if not parent.exists()]
-        for folder in candidates(wanted):
+        wanted = wanted if wanted.name not in ("", "..") else wanted.resolve()
+        for number in count(1):
+            folder = wanted if number == 1 else wanted.with_name(f"{wanted.name}-{number}")
             make_writable(folder)
             self.final, self.work = folder, folder / UNFINISHED
             if force:
@@ -66,60 +65,6 @@ class RunFolder:
         for made in (self.final, *self.parents):
             with contextlib.suppress(OSError):
                 made.rmdir()
-
-
-def candidates(wanted: Path) -> Iterator[Path]:
-    """`maps`, `maps-2`, `maps-3`, ..."""
-    wanted = wanted if wanted.name not in ("", "..") else wanted.resolve()
-    yield wanted
-    for number in count(2):
-        yield wanted.with_name(f"{wanted.name}-{number}")
-
-
-SETTINGS = "settings.json"
-"""What the results of a folder are of: a run with the same settings goes on there, any other leaves it alone."""
-
-
-class Place(NamedTuple):
-    """Where a command writes that goes on where it was.
-
-    Attributes:
-        folder: it is of one set of settings.
-        before: the last folder of other settings, whose parts may be of use; None where there is none.
-    """
-
-    folder: Path
-    before: Path | None
-
-    def take_over(self, name: str) -> None:
-        """Begin with a copy of that folder in the one before. Its files must be named by what they are of."""
-        if self.before is not None and (self.before / name).is_dir():
-            shutil.copytree(self.before / name, self.folder / name, dirs_exist_ok=True)
-
-
-def place_for(wanted: Path, settings: Mapping[str, Any], force: bool = False) -> Place:
-    """The folder of the run with these settings, options and code, if there was one; else the next that is free.
-
-    With `force`, this folder, whatever is in it.
-    """
-    text = json.dumps(settings, sort_keys=True, indent=1, default=str) + "\n"
-    before: Path | None = None
-    for folder in candidates(wanted):
-        make_writable(folder)
-        mark = folder / SETTINGS
-        kept = read_text(mark, TABLE_BYTES) if mark.is_file() else None
-        if force:
-            write_text(mark, text)
-            return Place(folder, None if kept == text else before)
-        if kept == text:
-            return Place(folder, None)
-        if kept is None and not any(folder.iterdir()):
-            # For one of two processes that begin at once.
-            with contextlib.suppress(FileExistsError), mark.open("x", encoding="utf-8") as file:
-                file.write(text)
-                return Place(folder, before)
-        before = before if kept is None else folder
-    raise AssertionError
 
 
 def new_file(file: Path, force: bool = False) -> None:

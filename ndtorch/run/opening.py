@@ -22,7 +22,6 @@ from ndtorch.run.options import (
     MODEL_OPTIONS,
     OWN,
     BindJob,
-    check_numbers,
     default_model,
     flag,
     given,
@@ -70,7 +69,8 @@ class Prepared:
 
 def prepare(job: BindJob) -> Prepared:
     """Open the source and build the model. Raises `InputError`: in one line, whatever is wrong."""
-    check_numbers(job)
+    if job.seconds == 0:
+        raise InputError("seconds must be a positive number, got 0")
     device = check_device(job.device)
     if job.model is not None and job.model not in model_names() and Path(job.model).is_dir():
         job = dataclasses.replace(job, model=str(Path(job.model).resolve()))

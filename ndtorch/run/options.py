@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from ndtorch.errors import InputError
 from ndtorch.scenes.named import SCENES
 
 DEFAULT_SOURCE = "two-bars"
@@ -79,11 +78,3 @@ def flag(name: str) -> str:
 def default_model(source: str) -> str:
     """The model for a source when none is asked for: scale-free for scenes, foreground for everything else."""
     return "scale-free" if source in SCENES else "foreground"
-
-
-def check_numbers(job: BindJob) -> None:
-    """Raise `InputError` for lengths and rates out of range."""
-    if job.seconds is not None and not 0 < job.seconds < 1e7:
-        raise InputError(f"seconds must be a positive number, got {job.seconds}")
-    if not 0 <= job.pictures <= 1000:
-        raise InputError(f"pictures must be between 0 and 1000 a second, got {job.pictures}")

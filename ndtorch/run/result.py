@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,12 +9,14 @@ import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
-from ndtorch.binding import BoundObject, ObjectTable, Verdict
-from ndtorch.scenes.base import SAME_PIXELS, PixelMap
-from ndtorch.scenes.video import SourceFrames
+from ndtorch.binding import BoundObject, Verdict
+from ndtorch.scenes.base import FrameSource
 
 Floats = npt.NDArray[np.float32]
 Pixels = npt.NDArray[np.uint8]
+
+MAX_MASKS = 200_000
+"""Number of masks that a run keeps, the latest."""
 
 
 class Picture(NamedTuple):
@@ -23,17 +24,15 @@ class Picture(NamedTuple):
 
     Attributes:
         time: seconds since the first frame.
-        frame: as the model saw it, `[H, W, 3]` uint8.
+        frame: `[H, W, 3]` uint8, as the model saw it; of models with tracks as large as the source has it.
         enhanced: the image of visual attention, of models whose neurons own objects; None of those with tracks.
         winner: number of the neuron attended to, -1 for none.
-        objects: those in sight, of models with tracks.
     """
 
     time: float
     frame: Pixels
     enhanced: Pixels | None = None
     winner: int = -1
-    objects: tuple[BoundObject, ...] = ()
 
 
 class Watcher:
@@ -42,12 +41,6 @@ class Watcher:
     def picture(self, picture: Picture) -> None:
         """A frame, a few times a second."""
 
-    def objects(self, things: Sequence[BoundObject]) -> None:
-        """Objects that were lost, as they are lost, and at the end of the run all others.
-
-        An object that stays in sight for long comes in parts with the same `track`.
-        """
-
     def signals(self, signals: Any, weights: Tensor, state: Any) -> None:
         """The model's signals of one chunk of frames, its weights `[10, 10]` and its state after it."""
 
@@ -55,19 +48,52 @@ class Watcher:
         """The run has ended."""
 
 
+class Placed(NamedTuple):
+    """A mask in the picture: row and column of its first pixel, and its pixels `[h, w]`."""
+
+    top: int
+    left: int
+    pixels: npt.NDArray[np.bool_]
+
+
+class MaskStore:
+    """The mask of every track at every step of the model, in its working image; the latest `MAX_MASKS` of them."""
+
+    def __init__(self) -> None:
+        self.size = (1, 1)
+        self._packed: dict[tuple[int, int], tuple[int, int, int, int, bytes]] = {}
+
+    def add(self, times: Tensor, labels: Tensor) -> None:
+        """Keep the masks of times `[T]` and labels `[T, h, w]`, number of the track plus one."""
+        for time, image in zip(times.tolist(), labels.cpu().numpy(), strict=True):
+            self.size = image.shape
+            for number in np.unique(image[image > 0]).tolist():
+                rows, columns = np.nonzero(image == number)
+                top, left = int(rows.min()), int(columns.min())
+                part = image[top : rows.max() + 1, left : columns.max() + 1] == number
+                self._packed[number - 1, round(1e4 * time)] = (top, left, *part.shape, np.packbits(part).tobytes())
+        while len(self._packed) > MAX_MASKS:
+            del self._packed[next(iter(self._packed))]
+
+    def find(self, track: int, time: float) -> Placed | None:
+        """The mask of a track at a step; None where it has none."""
+        kept = self._packed.get((track, round(1e4 * time)))
+        if kept is None:
+            return None
+        top, left, height, width, bits = kept
+        pixels = np.unpackbits(np.frombuffer(bits, np.uint8), count=height * width).reshape(height, width)
+        return Placed(top, left, pixels.astype(bool))
+
+
 class Trace:
-    """Samples over time, thinned by three whenever there are more than `most` of them.
+    """Outputs `[10]` over time, thinned by three whenever there are more than `most` of them.
 
     So a run of any length keeps between `most / 3` and `most` samples, evenly spaced: enough for a figure. Three,
     because an even stride would hide outputs that flip sign from step to step.
-
-    Args:
-        shape: shape of one sample.
-        most: largest number of samples kept.
     """
 
-    def __init__(self, shape: tuple[int, ...], most: int = 4096) -> None:
-        self.shape, self.most, self.stride = shape, most, 1
+    def __init__(self, most: int = 4096) -> None:
+        self.most, self.stride = most, 1
         self._count = 0
         self._kept: list[tuple[float, Floats]] = []
 
@@ -87,25 +113,16 @@ class Trace:
 
     @property
     def samples(self) -> Floats:
-        """`[n, *shape]`."""
-        return np.array([sample for _, sample in self._kept], dtype=np.float32).reshape(-1, *self.shape)
+        """`[n, 10]`."""
+        return np.array([sample for _, sample in self._kept], dtype=np.float32).reshape(-1, 10)
 
 
 class Moment(NamedTuple):
-    """A frame at which an object was attended to.
+    """The clearest picture at which an object was attended to, and its margin: the winner's output minus the next best
+    owner's (or its output, if it is alone)."""
 
-    Attributes:
-        time: seconds since the first frame.
-        neuron: number of the winning neuron, 0 to 9.
-        margin: its output minus the next best owner's (or its output, if it is alone).
-        frame, enhanced: `[H, W, 3]` uint8, the input and the enhanced image.
-    """
-
-    time: float
-    neuron: int
+    picture: Picture
     margin: float
-    frame: Pixels
-    enhanced: Pixels
 
 
 @dataclass
@@ -113,67 +130,41 @@ class RunResult:
     """Everything a finished (or interrupted) run of a binding model knows.
 
     Attributes:
-        source: name of the scene, or the video as it was given.
-        model: name of the model.
-        size: height and width of the frames that it saw.
-        objects, verdict: what was found and what that is worth.
-        table: the objects of models whose neurons own them; None of models with tracks.
-        state: the model's state at the end.
-        settle: seconds before learning began.
-        simulated_seconds: how much of the source was seen; wall_seconds: how long that took.
-        frames: number of frames seen.
-        outputs: of the network, `[10]` a sample; with many fields, the largest of each neuron.
-        weights: `[10, 10]` a sample.
+        model, source: that ran; state: of the model at the end.
+        objects, verdict: what was found, numbered from 1, and what that is worth.
+        frames: number of frames seen; first_frame: those of an earlier run, which this one went on from.
+        wall_seconds: how long that took.
+        outputs: of the network; with many fields, the largest of each neuron.
         final_weights: at the end, `[10, 10]`.
         moments: the clearest recent moment of each winning neuron.
+        masks: of tracks.
         interrupted: whether Ctrl-C ended the run early.
         cuts: when a new scene began, seconds; of models that notice.
-        earlier: how many parts of objects the run did not keep because it was long; watchers got them.
-        full_size: height and width of the frames of the source, which it may have made smaller.
-        pixel_map: from the pixels of objects to those.
-        fps: frames a second that the model got.
-        step_frames: frames from one step of the model to the next.
-        first_frame: frames that an earlier run had, which this one went on from.
-        source_frames: the frames of the source and when they were delivered; None where every frame is one of it.
-        masks: of tracks, of models that have them.
-        silent: why a camera or stream ended by itself.
         confidence: probability that the number of objects is right; None of models that do not say.
     """
 
-    source: str
-    model: str
-    size: tuple[int, int]
+    model: Any
+    source: FrameSource
+    state: Any
     objects: list[BoundObject]
     verdict: Verdict
-    table: ObjectTable | None
-    state: Any
-    settle: float
-    simulated_seconds: float
-    wall_seconds: float
     frames: int
+    first_frame: int
+    wall_seconds: float
     outputs: Trace
-    weights: Trace
     final_weights: Floats
     moments: dict[int, Moment]
+    masks: MaskStore
     interrupted: bool = False
     cuts: tuple[float, ...] = ()
-    earlier: int = 0
-    full_size: tuple[int, int] = (1, 1)
-    pixel_map: PixelMap = SAME_PIXELS
-    fps: float = 1.0
-    step_frames: float = 1.0
-    first_frame: int = 0
-    source_frames: SourceFrames | None = None
-    masks: Any = None
-    silent: str = ""
     confidence: float | None = None
+
+    @property
+    def simulated_seconds(self) -> float:
+        """How much of the source was seen."""
+        return self.frames / self.source.fps
 
 
 def over_fields(outputs: Tensor) -> Tensor:
     """Outputs `[T', 10]` as they are, `[T', R, C, 10]` as the largest of every neuron, `[T', 10]`."""
     return outputs if outputs.ndim == 2 else outputs.flatten(1, -2).amax(1)
-
-
-def one_matrix(weights: Tensor) -> Tensor:
-    """Weights `[10, 10]` as they are; of models with a matrix a window, `[K, 10, 10]`, the largest of each."""
-    return weights if weights.ndim == 2 else weights.amax(0)

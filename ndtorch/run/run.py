@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
 
-from ndtorch.binding import BindingModel, Verdict
+from ndtorch.binding import BindingModel, BoundObject, Verdict
 from ndtorch.errors import InputError
-from ndtorch.run.pictures import Objects, PictureMaker
-from ndtorch.run.result import RunResult, Trace, Watcher, one_matrix, over_fields
+from ndtorch.run.pictures import PictureMaker
+from ndtorch.run.result import MaskStore, RunResult, Trace, Watcher, over_fields
 from ndtorch.scenes import FrameSource
 
 
@@ -30,8 +32,8 @@ def run_model(
 ) -> RunResult:
     """Feed a source through a model to its end, or until Ctrl-C, which keeps what was computed so far.
 
-    Memory does not grow with the length of the source: frames are dropped as they are used, traces are thinned, and of
-    the objects that were lost the latest are kept; watchers get all of them.
+    Frames are dropped as they are used and traces are thinned; of tracks every sighting is kept, 100 bytes each, and
+    the latest masks.
 
     Args:
         model: a binding model on `device`, made for the source's size and rate.
@@ -50,12 +52,11 @@ def run_model(
     # Chunks end where a picture is due, so that the motion filters stand at its frame; long ones leave the cache.
     every = 8 if pictures_per_second <= 0 else max(1, round(source.fps / pictures_per_second))
     length = next(n for n in range(min(every, 12), 0, -1) if every % n == 0)
-    outputs, weights = Trace((10,)), Trace((10, 10))
+    outputs = Trace()
     cuts: list[float] = []
     frames_seen, now, interrupted, diverged, fresh = 0, 0.0, False, False, state is None
-    maker, kept = PictureMaker(model, source, every / source.fps, watchers), Objects(model, watchers)
-    if state is not None:
-        kept.numbered(model.objects(state))
+    maker, masks = PictureMaker(model, source, every / source.fps, watchers), MaskStore()
+    sightings: dict[int | None, list[tuple[float, float, float]]] = defaultdict(list)
     began = time.perf_counter()
     try:
         with torch.inference_mode():
@@ -66,21 +67,25 @@ def run_model(
                 if state is not None and not torch.isfinite(signals.outputs).all():
                     diverged = True
                     break
-                state = kept.take(signals, after)
+                state = after
                 frames_seen += len(frames)
                 learned, times = one_matrix(model.weights(state)), signals.time.tolist()
                 for at, sample in zip(times, over_fields(signals.outputs).cpu(), strict=True):
                     outputs.add(at, sample)
                 if times:
                     now = times[-1]
-                    weights.add(now, learned)
-                cuts += signals.time[signals.cut].tolist() if hasattr(signals, "cut") else []
+                if hasattr(signals, "labels"):
+                    cuts += signals.time[signals.cut].tolist()
+                    masks.add(signals.time, signals.labels)
+                elif model.tracks:
+                    for one in model.visible_objects(state):
+                        sightings[one.track].append((now, *(one.place or (0.0, 0.0))))
                 for watcher in watchers:
                     watcher.signals(signals, learned, state)
                 # Enhanced images need outputs of this very chunk; tracks do not.
                 due = pictures_per_second > 0 and frames_seen % every == 0
                 if due and (model.tracks or times):
-                    maker.take(now, frames[-1], signals, state, kept)
+                    maker.take(now, frames[-1], signals, state)
                 if report is not None:
                     report(len(frames))
                 if most is not None and frames_seen >= most:
@@ -96,39 +101,46 @@ def run_model(
         raise InputError(f"{source.name}: one frame cannot show motion; a model needs two frames at least")
     with torch.inference_mode():
         verdict: Verdict = "alternating" if diverged else model.verdict(state)
-        kept.tell([] if diverged else model.objects(state))
-        state = kept.restored(state)
-        objects = [] if diverged else kept.numbered(model.objects(state))
+        objects = [] if diverged else numbered(model.objects(state), sightings)
     cuts = sorted([*cuts, *source.cuts])
     # A fade is many new scenes.
     cuts = [now for before, now in itertools.pairwise([-1e9, *cuts]) if now - before > 1.0]
     owners = {thing.index for thing in objects}
     return RunResult(
-        source=source.name,
-        model=model.name,
-        size=source.size,
-        objects=objects,
-        verdict=verdict,
-        table=None if model.tracks else model.table(state),
-        state=state,
-        settle=model.settle,
-        simulated_seconds=frames_seen / source.fps,
-        wall_seconds=time.perf_counter() - began,
-        frames=frames_seen,
-        outputs=outputs,
-        weights=weights,
-        final_weights=one_matrix(model.weights(state)).cpu().float().numpy().astype(np.float32),
-        moments={k: moment for k, moment in maker.moments.items() if k in owners},
-        interrupted=interrupted,
-        cuts=tuple(cuts),
-        earlier=kept.earlier,
-        full_size=source.full_size,
-        pixel_map=source.pixel_map,
-        fps=source.fps,
-        step_frames=model.dt * source.fps,
-        first_frame=start,
-        source_frames=source.decoded,
-        masks=next((watcher for watcher in watchers if hasattr(watcher, "find")), None),
-        silent=source.silent,
-        confidence=None if diverged else model.confidence(state),
+        model,
+        source,
+        state,
+        objects,
+        verdict,
+        frames_seen,
+        start,
+        time.perf_counter() - began,
+        outputs,
+        one_matrix(model.weights(state)).cpu().float().numpy().astype(np.float32),
+        {k: moment for k, moment in maker.moments.items() if k in owners},
+        masks,
+        interrupted,
+        tuple(cuts),
+        None if diverged else model.confidence(state),
     )
+
+
+def numbered(things: Sequence[BoundObject], sightings: dict[int | None, list[Any]]) -> list[BoundObject]:
+    """The objects in the order in which they were first known to be objects, with numbers from 1, which stay when a
+    run goes on; those without a path get the sightings of their track."""
+
+    def known_since(thing: BoundObject) -> float:
+        states = zip(thing.path, thing.states, strict=False)
+        return next((at[0] for at, state in states if state != "tentative"), thing.first_seen or 0.0)
+
+    found = []
+    for number, thing in enumerate(sorted(things, key=known_since), 1):
+        path = thing.path or tuple(at for at in sightings[thing.track] if at[0] >= (thing.first_seen or 0.0) - 1e-6)
+        since = thing.first_seen if thing.path or not path else path[0][0]
+        found.append(replace(thing, number=number, path=path, first_seen=since))
+    return found
+
+
+def one_matrix(weights: torch.Tensor) -> torch.Tensor:
+    """Weights `[10, 10]` as they are; of models with a matrix a window, `[K, 10, 10]`, the largest of each."""
+    return weights if weights.ndim == 2 else weights.amax(0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -14,9 +14,6 @@ from torch import Tensor
 from ndtorch.arguments import MOST_PIXELS, is_finite, is_whole
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import keep_freed_memory
-
-if TYPE_CHECKING:
-    from ndtorch.scenes.video import SourceFrames
 
 
 class PixelMap(NamedTuple):
@@ -37,6 +34,21 @@ class PixelMap(NamedTuple):
 
 SAME_PIXELS = PixelMap()
 """Of a source that delivers its frames as they are."""
+
+
+class SourceFrames(NamedTuple):
+    """The decoded frames of a source, from its first on: frame n is the n-th that any reader of it counts.
+
+    Attributes:
+        stamp: seconds as the source has them, `[n]`.
+        tick: place on the clock of the frames that were delivered, `[n]`: whole where a frame was shown first, between
+            the neighbors where it was left out, NaN before the first frame that was asked for.
+        names: file names, of a folder.
+    """
+
+    stamp: np.ndarray[Any, np.dtype[np.float64]]
+    tick: np.ndarray[Any, np.dtype[np.float64]]
+    names: Sequence[str] | None = None
 
 
 class FrameSource(ABC):

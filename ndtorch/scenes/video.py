@@ -6,10 +6,10 @@ import logging
 import math
 import warnings
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Literal, Self
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ndtorch.arguments import is_finite, is_whole
 from ndtorch.errors import InputError
-from ndtorch.scenes.base import FrameSource, PixelMap, check_chunks, check_size
+from ndtorch.scenes.base import FrameSource, PixelMap, SourceFrames, check_chunks, check_size
 from ndtorch.scenes.readers import (
     IMAGE_SUFFIXES,
     FileReader,
@@ -122,21 +122,6 @@ def open_reader(source: int | str | Path) -> tuple[Reader, str]:
     if path.suffix.lower() in IMAGE_SUFFIXES:
         raise InputError(f"{path} is one image: a video or a folder of images is needed")
     return FileReader(path), path.stem
-
-
-class SourceFrames(NamedTuple):
-    """The decoded frames of a source, from its first on: frame n is the n-th that any reader of it counts.
-
-    Attributes:
-        stamp: seconds as the source has them, `[n]`.
-        tick: place on the clock of the frames that were delivered, `[n]`: whole where a frame was shown first, between
-            the neighbors where it was left out, NaN before the first frame that was asked for.
-        names: file names, of a folder.
-    """
-
-    stamp: np.ndarray[Any, np.dtype[np.float64]]
-    tick: np.ndarray[Any, np.dtype[np.float64]]
-    names: Sequence[str] | None = None
 
 
 class FrameLog:

@@ -100,7 +100,7 @@ class BindingModel(nn.Module, ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        for name in ("objects_batch", "verdict", "confidence", "weights", "table", "take_closed", "restore_closed"):
+        for name in ("objects_batch", "verdict", "confidence", "weights", "table", "take_closed"):
             if name in vars(cls):
                 setattr(cls, name, of_own_state(vars(cls)[name]))
 
@@ -196,11 +196,6 @@ class BindingModel(nn.Module, ABC):
             InputError: the state is that of a batch.
         """
         return [], state
-
-    @of_own_state
-    def restore_closed(self, state: Any, closed: Sequence[Any]) -> Any:
-        """The state with what was taken from it before: `closed` of each state that was given to `take_closed`."""
-        return state
 
     @abstractmethod
     def verdict(self, state: Any) -> Nested:

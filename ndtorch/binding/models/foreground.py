@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -311,9 +310,6 @@ class ForegroundModel(BindingModel):
         if not isinstance(state, ForegroundState):
             raise InputError("the state is that of a batch: take_closed is for the state of one film")
         return self._bound(as_arrays(state.closed), state), state._replace(closed=as_tensors(no_tracks()))
-
-    def restore_closed(self, state: Any, closed: Sequence[Any]) -> Any:
-        return state._replace(closed=as_tensors(joined(*map(as_arrays, (*closed, state.closed)))))
 
     def visible_objects(self, state: Any) -> list[BoundObject]:
         """The objects of one film that were seen at the latest time step, with their latest box alone."""

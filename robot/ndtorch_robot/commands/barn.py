@@ -39,9 +39,7 @@ class Barn(RobotOptions):
     jobs: int = 0
     """Number of worlds at a time; 0 is one a core."""
     out: Path = Path("out/barn")
-    """Folder of the results; barn-2, and so on, with other options or code."""
-    force: bool = False
-    """Write into that folder whatever is in it."""
+    """Folder of the results."""
     json: bool = False
     """Print the totals as one JSON object."""
     goal: Annotated[str, tyro.conf.Suppress] = ""
@@ -65,7 +63,6 @@ class Barn(RobotOptions):
             lambda job: job[0].limit,
             self.out,
             processes=self.jobs,
-            force=self.force,
         )
         made = [Attempt(**result) for result in batch.results]
         missing = f"; {batch.missing} of {len(jobs)} worlds are missing" * (batch.missing > 0)

@@ -26,8 +26,8 @@ class Evaluate(DriveConfig):
     """Drive many times, in parallel, and put the results into one table.
 
     Writes report.html, table.md and drives.jsonl, and keeps every finished drive in DIR/drives:
-    killed and started again it goes on where it was. With other options or other code it writes into a new folder,
-    evaluate-2, and takes over the drives that are the same. Ctrl-C keeps what is finished.
+    killed and started again it goes on where it was, and drives of the same options and code are not driven again.
+    Ctrl-C keeps what is finished.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
@@ -46,8 +46,6 @@ class Evaluate(DriveConfig):
     """Number of drives at a time; 0 is one a core."""
     out: Path = Path("out/evaluate")
     """Folder of the results."""
-    force: bool = False
-    """Write into that folder whatever is in it."""
     open: bool = False
     """Open report.html in the browser at the end."""
     json: bool = False
@@ -64,9 +62,7 @@ class Evaluate(DriveConfig):
         from ndtorch_robot.evaluation.drives import drive_many, drive_once, key_of
 
         drives = self.drives()
-        batch = drive_many(
-            drive_once, drives, key_of, name_of, lambda d: d.seconds, self.out, processes=self.jobs, force=self.force
-        )
+        batch = drive_many(drive_once, drives, key_of, name_of, lambda d: d.seconds, self.out, processes=self.jobs)
         self.write_tables(batch)
         return batch.exit_code()
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from ndtorch.cli.command_run import INCOMPLETE, INTERRUPTED
 from ndtorch.errors import InputError
-from ndtorch.run.folder import place_for
+from ndtorch.run.folder import make_writable
 from ndtorch.utils import workers
 from ndtorch.utils.files import TABLE_BYTES, read_text, write_text
 from ndtorch.utils.packages import code_digest, toml_file
@@ -62,9 +62,8 @@ def drive_many(
     out: Path,
     *,
     processes: int = 0,
-    force: bool = False,
 ) -> Batch:
-    """Do those jobs whose results are not in `out`/drives; with other jobs or code the results go into a new folder.
+    """Do those jobs whose results are not in `out`/drives, where they stay for the next time.
 
     Args:
         work: does one job in a process of its own, and reports how much of its size is done.
@@ -72,7 +71,6 @@ def drive_many(
         label: name for people.
         size: for the progress, in s.
         processes: number of jobs at a time; 0 is one a core.
-        force: write into `out` whatever is in it.
     """
     from ndtorch.run.progress import progress_bar
 
@@ -80,9 +78,8 @@ def drive_many(
         raise InputError(f"--jobs must be 1 or more, got {processes}")
     code = code_digest(("ndtorch", "ndtorch_robot"), ("torch", "numpy"))
     names = [digest([key(job), code]) for job in jobs]
-    place = place_for(out, {"drives": dict(zip(names, map(label, jobs), strict=True))}, force=force)
-    place.take_over("drives")
-    kept = place.folder / "drives"
+    make_writable(out)
+    kept = out / "drives"
     kept.mkdir(exist_ok=True)
     missing = [n for n, name in enumerate(names) if finished(kept / f"{name}.json") is None]
     made, troubles, interrupted = [0.0] * len(missing), list[str](), False
@@ -103,7 +100,7 @@ def drive_many(
         except KeyboardInterrupt:
             interrupted = True
     results = [result for name in names if (result := finished(kept / f"{name}.json")) is not None]
-    return Batch(place.folder, results, len(jobs) - len(results), troubles, interrupted)
+    return Batch(out, results, len(jobs) - len(results), troubles, interrupted)
 
 
 def digest(values: Any) -> str:
