@@ -53,7 +53,7 @@ LIGHT_OFFSET, WINDOW_PX, MAX_VARIATION, PENUMBRA_PX = 0.02, 5, 0.06, 2
 NARROW_TINT, MIN_COLORFULNESS = 0.05, 0.015
 """A narrow shadow changes the colors' shares by at most this; it is told by its tint where the background has this mean
 distance between its largest and smallest color."""
-COAT = 0.04
+COAT = 0.03
 """What looks like a shadow in a gap of this fraction of the height belongs to the foreground around it: a dark coat."""
 CUT_AREA, CUT_CHANGE, CUT_BLOCKS, BLOCK_PX, CUT_CORRELATION = 0.7, 0.02, 0.6, 8, 0.25
 """A new scene: foreground of this fraction of the image, or changes by so much (of full scale) of this fraction of the

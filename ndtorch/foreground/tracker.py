@@ -35,6 +35,9 @@ MAX_AREA_RATIO = 4.0
 """Areas of two detections of a track differ by at most this ratio, unless they overlap."""
 SHARED_GAIN = 0.3
 """In a shared blob this share of the innovation is taken into the position."""
+MAX_SHARED = 2.0
+"""A track that shared blobs in more than so many times the detections in which it was alone was a fragment: it claims no
+part of the blob of another."""
 MOVED_SIZES, MIN_TRAVEL = 0.5, 0.05
 """An object moves on by so many sizes; the travel that confirms it is at least this fraction of the height."""
 TENTATIVE_S, STARTING_S = 1.0, 1.0
@@ -86,6 +89,7 @@ class Tracks(NamedTuple):
         start: place at which it began, `[N, 2]`; travel: largest distance from it in sizes, `[N]`.
         anchor: place to which it last moved on, `[N, 2]`; anchored: time of that, `[N]`.
         count: detections, `[N]`; contrast: their mean contrast in deviations of the noise, `[N]`.
+        alone: detections in blobs of their own, `[N]`.
         area: of the latest detection, squared heights, `[N]`; color: followed color, `[N, 3]`.
         inputs, outputs: of the network, sums over the rows of the path, `[N, 10]`.
         path: what was reported of all of them, in the order of time, `[P, 9]`: number, time, status, column, row, left,
@@ -107,6 +111,7 @@ class Tracks(NamedTuple):
     contrast: Any
     area: Any
     color: Any
+    alone: Any
     inputs: Any
     outputs: Any
     path: Any
@@ -227,6 +232,10 @@ def detect(seen: Segmentation, tracks: Tracks, expected: Numbers, p: TrackingPar
     shared = np.zeros(len(names) - (names[0] == 0), bool) if len(names) else np.zeros(0, bool)
     for r in np.flatnonzero(claimed > 1).tolist():
         ones = known[claims & (best == r)]
+        alone = tracks.alone[ones]
+        ones = ones[(tracks.count[ones] - alone <= MAX_SHARED * alone) | (np.arange(len(ones)) == alone.argmax())]
+        if len(ones) < 2:
+            continue
         rows, columns = np.nonzero(labels == np.searchsorted(names, r))
         at = (np.stack([columns, rows], 1) + 0.5) / height
         away = np.stack([(((at - expected[k]) / tracks.extent[k]) ** 2).sum(1) for k in ones])
@@ -302,6 +311,8 @@ def measure(tracks: Tracks, expected: Numbers, blobs: Blobs, i: Whole, j: Whole,
     seen[i], area[i] = time, np.where(shared, area[i], blobs.area[j])
     contrast[i] += (blobs.contrast[j] - contrast[i]) / (count[i] + 1)
     count[i] += 1
+    alone = tracks.alone.copy()
+    alone[i] += ~shared
     size = extent.mean(1)
     travel = np.maximum(tracks.travel, np.hypot(*(place - tracks.start).T) / size)
     moved = np.hypot(*(place - tracks.anchor).T) > MOVED_SIZES * size
@@ -320,6 +331,7 @@ def measure(tracks: Tracks, expected: Numbers, blobs: Blobs, i: Whole, j: Whole,
         contrast=contrast,
         area=area,
         color=color,
+        alone=alone,
     )
 
 
@@ -357,6 +369,7 @@ def begin(tracks: Tracks, count: int, blobs: Blobs, i: Whole, j: Whole, time: fl
         contrast=blobs.contrast[new],
         area=blobs.area[new],
         color=blobs.color[new],
+        alone=zero + 1,
         inputs=np.zeros((n, 10)),
         outputs=np.zeros((n, 10)),
     )
@@ -375,17 +388,14 @@ def confirm(tracks: Tracks, time: float, seen_for: float, p: TrackingParams) -> 
 
 
 def report(tracks: Tracks, blobs: Blobs, number: Whole, time: float) -> Tracks:
-    """Add a row to the paths for every track of this frame: what was measured, or in a shared blob its usual size."""
+    """Add a row to the paths for every track of this frame: what was measured, its part of a shared blob."""
     (k,) = np.nonzero(tracks.seen == time)
     if not len(k):
         return tracks
     order = np.argsort(number)
     j = order[np.searchsorted(number[order], tracks.number[k])]
-    half = tracks.extent[k] / 2
-    usual = np.concatenate([tracks.place[k] - half, tracks.place[k] + half], 1)
-    box = np.where(blobs.shared[j, None], usual, blobs.box[j])
     head = np.stack([tracks.number[k], np.full(len(k), time), tracks.status[k]], 1)
-    return tracks._replace(path=np.concatenate([tracks.path, np.concatenate([head, blobs.place[j], box], 1)]))
+    return tracks._replace(path=np.concatenate([tracks.path, np.concatenate([head, blobs.place[j], blobs.box[j]], 1)]))
 
 
 def kept_from_background(tracks: Tracks, labels: Labels, time: float, p: TrackingParams) -> Bytes:
