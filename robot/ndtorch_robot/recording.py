@@ -6,9 +6,7 @@ import contextlib
 import json
 import math
 import os
-import queue
 import shutil
-import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +27,8 @@ from ndtorch.utils.files import open_regular
 from ndtorch_robot import ros_messages as ros
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.obstacles import seen_obstacles
-from ndtorch_robot.ports import Closing, DriveCommand, Observer, Placed, Report, Step, StereoFrames
+from ndtorch_robot.ports import DriveCommand, Observer, Placed, Report, Step, StereoFrames
+from ndtorch_robot.step_thread import StepThread
 
 VERSION = "3"
 
@@ -60,7 +59,7 @@ class Waiting(NamedTuple):
     pose: Pose | None
 
 
-class Recorder(Closing):
+class Recorder(StepThread):
     """An observer that records every step into a new file, in its own thread.
 
     Of whole frames the strips that the navigator reads are kept, lossless. It never waits, and never raises for the
@@ -75,8 +74,7 @@ class Recorder(Closing):
         report: called with one line when recording ends before it should.
 
     Attributes:
-        steps, dropped: number of steps written, and of those lost.
-        failed: why recording has ended, or nothing.
+        steps: number of steps written.
 
     Raises:
         InputError: a file that exists already or cannot be made, or of another suffix.
@@ -91,27 +89,25 @@ class Recorder(Closing):
         when_full: Literal["drop", "wait"] = "drop",
         report: Report | None = None,
     ) -> None:
-        self.path, self.runner, self.when_full, self.report = Path(path), runner, when_full, report
-        self.steps, self.dropped, self.kept, self.number, self.failed = 0, 0, 0, 0, ""
-        self.queue: queue.Queue[Waiting | None] = queue.Queue(size)
+        self.path, self.runner = Path(path), runner
+        self.steps, self.kept, self.number, self.flushed = 0, 0, 0, monotonic()
         self.channels: dict[str, int] = {}
         if self.path.suffix != ".mcap":
             raise InputError(f"a recording is a file NAME.mcap, got {path}")
-        configuration = json.dumps({} if runner is None else runner.configuration())
         ros.load_types(*TYPES)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.file = self.path.open("xb")
             self.writer: Any = Writer(self.file, chunk_size=MAX_CHUNK_BYTES // 8)
             self.writer.start(profile="ros2", library="ndtorch")
+            configuration = json.dumps({} if runner is None else runner.configuration())
             self.writer.add_metadata(HEADER, {"version": VERSION, "configuration": configuration})
             self.file.flush()
         except FileExistsError:
             raise InputError(f"{path} exists already: choose another name") from None
         except OSError as error:
             raise InputError(f"{path}: cannot record into this file ({error.strerror})") from None
-        self.thread = threading.Thread(target=self.run, name="recorder", daemon=True)
-        self.thread.start()
+        super().__init__(f"recording {path}", size, when_full, report, FLUSH_S)
 
     def __call__(self, step: Step) -> None:
         """Put one step into the queue."""
@@ -121,14 +117,8 @@ class Recorder(Closing):
             pose, ranges = step.state.pose, step.state.ranges
             if self.runner is not None:
                 ranges = seen_obstacles(step.state, self.runner.navigator)
-        waiting = Waiting(step._replace(number=self.number, state=None), images, ranges, pose)
         self.number += 1
-        try:
-            if self.failed or not self.thread.is_alive():
-                raise queue.Full
-            self.queue.put(waiting, block=self.when_full == "wait")
-        except queue.Full:
-            self.dropped += 1
+        self.put(Waiting(step._replace(number=self.number - 1, state=None), images, ranges, pose))
 
     def images(self, frames: StereoFrames | None) -> dict[str, Tensor]:
         """What is kept of frames, by topic: the strips, or whole images of a size that no runner reads."""
@@ -145,41 +135,32 @@ class Recorder(Closing):
                 raise InputError(f"only single uint8 frames [1, C, H, W] with C = 1 or 3 are recorded, got {kind}")
         return found
 
-    def run(self) -> None:
-        """The thread: write until closed; after a failure only count what is lost."""
-        flushed, open_ = monotonic(), True
-        while open_:
-            waiting: Waiting | None = None
-            with contextlib.suppress(queue.Empty):
-                waiting = self.queue.get(timeout=FLUSH_S)
-                open_ = waiting is not None
-            try:
-                if self.failed:
-                    self.dropped += waiting is not None
-                    continue
-                if waiting is not None:
-                    self.write(waiting)
-                if monotonic() - flushed >= FLUSH_S or not open_:
-                    self.flush()
-                    flushed = monotonic()
-                if not open_:
-                    self.writer.add_metadata(END, {"given": str(self.number), "steps": str(self.steps)})
-                    self.writer.finish()
-                    self.file.close()
-            except Exception as error:  # whatever it is, driving goes on
-                reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-                self.dropped += self.steps - self.kept + (self.steps == self.kept and waiting is not None)
-                self.steps = self.kept
-                self.failed = f"recording to {self.path} has stopped after {self.steps} steps: {reason}"
-                with contextlib.suppress(OSError, ValueError):
-                    self.file.close()
-                if self.report is not None:
-                    self.report(self.failed)
+    def handle(self, item: Waiting) -> None:
+        self.steps += 1
+        self.write(item)
+
+    def idle(self) -> None:
+        if monotonic() - self.flushed >= FLUSH_S:
+            self.flush()
+            self.flushed = monotonic()
+
+    def finish(self) -> None:
+        self.flush()
+        self.writer.add_metadata(END, {"given": str(self.number), "steps": str(self.steps)})
+        self.writer.finish()
+        self.file.close()
+
+    def fail(self, words: str) -> None:
+        """Count what is not on the disk, and what comes from now on."""
+        super().fail(words)
+        with contextlib.suppress(OSError, ValueError):
+            self.file.close()
+        self.dropped += self.steps - self.kept + self.queue.qsize()
+        self.steps = self.kept
 
     def write(self, waiting: Waiting) -> None:
         """One step: its messages, and then the one that says what belongs to it."""
         step, images, ranges, pose = waiting
-        self.steps += 1
         values = step._asdict() | {"telemetry": dict(step.telemetry), "images": list(images)}
         frames = values.pop("frames")
         values["taken"] = None if frames is None else frames.time
@@ -203,12 +184,6 @@ class Recorder(Closing):
         self.kept = self.steps
         if shutil.disk_usage(self.path.parent).free < RESERVE:
             raise OSError(f"the disk is full: less than {RESERVE / 1e6:.0f} MB are left")
-
-    def close(self) -> None:
-        """Write what is left, and the record that says that nothing is missing. Calling it again does nothing."""
-        if self.thread.is_alive():
-            self.queue.put(None)
-            self.thread.join()
 
     def summary(self) -> dict[str, Any]:
         size = self.path.stat().st_size if self.path.exists() else 0

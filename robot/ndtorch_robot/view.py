@@ -9,9 +9,7 @@ the true pose is known, `path` and `car` are the true ones and `believed` is the
 from __future__ import annotations
 
 import math
-import queue
 import socket
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -28,6 +26,7 @@ from ndtorch.report.recording import end_stream, import_rerun
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Report, Step
 from ndtorch_robot.sim.plan import Plan
+from ndtorch_robot.step_thread import StepThread
 
 Pose = tuple[float, float, float]
 
@@ -95,7 +94,7 @@ def viewer_address(viewer: str) -> str:
     return f"rerun+http://{host}:{port}/proxy"
 
 
-class View:
+class View(StepThread):
     """An observer of the loop that shows a car, in a thread of its own.
 
     The loop never waits: frames are left out when the view is slow, and when it is slower still, steps are dropped and
@@ -110,8 +109,7 @@ class View:
         truth: the true pose, where it is known.
 
     Attributes:
-        shown, dropped: steps so far.
-        failed: why showing has ended, or nothing.
+        shown: steps so far.
     """
 
     def __init__(
@@ -123,17 +121,13 @@ class View:
         plan: Plan | None = None,
         truth: Callable[[], Pose] | None = None,
     ) -> None:
-        self.rr, self.stream, self.runner, self.wait = import_rerun(), stream, runner, wait
-        self.on_failure, self.truth = report or (lambda line: None), truth
-        self.queue: queue.Queue[tuple[float, Step, tuple[str, ...], Pose | None] | None] = queue.Queue(QUEUE)
-        self.shown = self.dropped = 0
-        self.failed, self.words, self.lines = "", "", list[str]()
+        self.rr, self.stream, self.runner, self.truth = import_rerun(), stream, runner, truth
+        self.shown, self.words, self.lines = 0, "", list[str]()
         self.start: float | None = None
         self.next_picture = self.next_map = 0.0
         self.paths: dict[str, list[list[tuple[float, float]]]] = {"path": [[]], "believed": [[]]}
         self.log_fixed(plan)
-        self.thread = threading.Thread(target=self.run, name="view", daemon=True)
-        self.thread.start()
+        super().__init__("view", QUEUE, "wait" if wait else "drop", report)
 
     def report(self, line: str) -> None:
         """Show a line with the next step. From any thread."""
@@ -141,44 +135,26 @@ class View:
 
     def __call__(self, step: Step) -> None:
         self.start = step.time if self.start is None else self.start
-        now, busy = step.time - self.start, self.queue.qsize() > QUEUE // 3 and not self.wait
+        now, busy = step.time - self.start, self.queue.qsize() > QUEUE // 3 and self.when_full == "drop"
         if now < self.next_picture - 1e-6 or busy:
             step = step._replace(frames=None)
         else:
             self.next_picture = max(self.next_picture, now - 0.5 / PICTURES_PER_SECOND) + 1 / PICTURES_PER_SECOND
         lines, self.lines = tuple(self.lines), []
-        item = (now, step, lines, None if self.truth is None else self.truth())
-        while not self.failed:
-            try:
-                return self.queue.put(item, timeout=0.1) if self.wait else self.queue.put_nowait(item)
-            except queue.Full:
-                if not self.wait:
-                    break
-        self.dropped += 1
+        self.put((now, step, lines, None if self.truth is None else self.truth()))
 
-    def run(self) -> None:
-        try:
-            while (item := self.queue.get()) is not None:
-                self.show(*item)
-                self.shown += 1
-            for name in self.paths:
-                self.log_path(name)
-            end_stream(self.stream, patience=3.0)
-        except Exception as error:  # whatever it is, driving goes on
-            self.failed = f"the view has ended: {' '.join(f'{type(error).__name__}: {error}'.split())}"
-            self.on_failure(self.failed)
+    def handle(self, item: tuple[float, Step, tuple[str, ...], Pose | None]) -> None:
+        self.show(*item)
+        self.shown += 1
 
-    def close(self, patience: float = CLOSE_TIMEOUT) -> None:
+    def finish(self) -> None:
+        for name in self.paths:
+            self.log_path(name)
+        end_stream(self.stream, patience=3.0)
+
+    def close(self, patience: float | None = CLOSE_TIMEOUT) -> None:
         """Show what is waiting, but for so many seconds at most: a viewer that hangs is left behind."""
-        if not self.failed:
-            try:
-                self.queue.put(None, timeout=patience)
-            except queue.Full:
-                patience = 0.0
-        self.thread.join(patience)
-        if self.thread.is_alive() and not self.failed:
-            self.failed = "the viewer takes nothing: left behind"
-            self.on_failure(self.failed)
+        super().close(patience)
 
     def log_fixed(self, plan: Plan | None) -> None:
         rr, log = self.rr, self.stream.log

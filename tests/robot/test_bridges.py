@@ -16,7 +16,6 @@ import pytest
 from ndtorch.errors import InputError
 from ndtorch.navigation import Command, Grid, GridMap, NavigatorState, Pose, Ranges, StereoRig
 from ndtorch.utils.toml import Strict, check
-from ndtorch_robot import bridges
 from ndtorch_robot.bridges import BRIDGES, Bridge, BridgeThread, Opening, bridge, open_bridges
 from ndtorch_robot.obstacles import nearest_by_sector, seen_obstacles
 from ndtorch_robot.ports import DriveCommand, Step
@@ -47,22 +46,28 @@ class Broken(Held):
         raise RuntimeError("no route\nto host")
 
 
-def test_a_slow_bridge_gets_the_newest_step(monkeypatch):
-    monkeypatch.setattr(bridges, "CLOSE_TIMEOUT", 0.05)
+def test_a_slow_bridge_gets_the_newest_step():
     held, lines = Held(), []
     thread = BridgeThread("held", held, lines.append)
     thread(0)
     assert wait_for(lambda: held.steps == [0])
-    thread.close()
-    assert lines == ["the bridge held hangs: left behind"]
-    thread.closing.clear()
     for number in range(1, 50):
         thread(number)
     held.go.set()
     assert wait_for(lambda: held.steps == [0, 49])
     assert wait_for(lambda: held.polls > 2)
-    thread.close()
-    assert wait_for(lambda: held.closed == 1)
+    thread.close(1.0)
+    assert (held.closed, lines) == (1, [])
+
+
+def test_a_bridge_that_hangs_is_left_behind():
+    held, lines = Held(), []
+    thread = BridgeThread("held", held, lines.append)
+    thread(0)
+    assert wait_for(lambda: held.steps == [0])
+    thread.close(0.05)
+    assert lines == ["the bridge held hangs: left behind"]
+    held.go.set()
 
 
 def test_a_bridge_that_fails_ends_with_one_line_and_the_car_drives_on():

@@ -108,7 +108,7 @@ def test_a_loop_never_waits_for_a_view_that_hangs_or_breaks(monkeypatch):
     assert loop.run(58.5 / 30) == 60
     assert slow.dropped in (29, 30)
     slow.close(patience=0.2)
-    assert said == [slow.failed] == ["the viewer takes nothing: left behind"]
+    assert said == [slow.failed] == ["the view hangs: left behind"]
     free.set()
     slow.thread.join(5)
     assert 2 <= sum(step.frames is not None for step in taken) <= 5

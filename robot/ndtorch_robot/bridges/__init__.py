@@ -17,6 +17,7 @@ from ndtorch.utils.registry import Registry
 from ndtorch_robot.link import read_settings
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Drive, Report, Step
+from ndtorch_robot.step_thread import StepThread
 
 __all__ = ["BRIDGES", "Bridge", "BridgeThread", "Opening", "bridge", "open_bridges"]
 
@@ -60,48 +61,35 @@ BRIDGES: Registry[Callable[..., Bridge]] = Registry("bridge", __name__)
 bridge = BRIDGES.register
 
 
-class BridgeThread:
+class BridgeThread(StepThread):
     """An observer of the loop that hands the newest step to a bridge in a thread of its own.
-
-    The loop never waits: a step that the bridge has not taken when the next one comes is left out. When the bridge
-    raises, it ends with one line, and the car goes on.
 
     Attributes:
         taken: steps so far.
     """
 
     def __init__(self, name: str, bridge: Bridge, report: Report) -> None:
-        self.name, self.bridge, self.report = name, bridge, report
-        self.newest: Step | None = None
-        self.news, self.closing, self.taken = threading.Event(), threading.Event(), 0
-        self.thread = threading.Thread(target=self.run, name=f"bridge {name}", daemon=True)
-        self.thread.start()
+        self.bridge, self.taken = bridge, 0
+        super().__init__(f"bridge {name}", 1, "newest", report, POLL)
 
     def __call__(self, step: Step) -> None:
-        self.newest = step
-        self.news.set()
+        self.put(step)
 
-    def run(self) -> None:
-        try:
-            while not self.closing.is_set():
-                if self.news.wait(POLL):
-                    self.news.clear()
-                    assert self.newest is not None
-                    self.bridge.publish(self.newest)
-                    self.taken += 1
-                self.bridge.poll()
-        except Exception as error:  # whatever it is, driving goes on
-            self.report(f"the bridge {self.name} has ended: {' '.join(f'{type(error).__name__}: {error}'.split())}")
-        finally:
+    def handle(self, item: Step) -> None:
+        self.bridge.publish(item)
+        self.taken += 1
+
+    def idle(self) -> None:
+        self.bridge.poll()
+
+    def finish(self) -> None:
+        self.bridge.close()
+
+    def fail(self, words: str) -> None:
+        super().fail(words)
+        if threading.current_thread() is self.thread:
             with contextlib.suppress(Exception):
                 self.bridge.close()
-
-    def close(self) -> None:
-        """End the bridge; one that hangs is left behind."""
-        self.closing.set()
-        self.thread.join(CLOSE_TIMEOUT)
-        if self.thread.is_alive():
-            self.report(f"the bridge {self.name} hangs: left behind")
 
 
 @contextlib.contextmanager
@@ -113,5 +101,5 @@ def open_bridges(tables: Mapping[str, Mapping[str, Any]], opening: Opening) -> I
             opener = BRIDGES.find(name)
             settings = read_settings(opener, values, f"bridges.{name}")
             threads.append(BridgeThread(name, opener(settings, opening), opening.report))
-            stack.callback(threads[-1].close)
+            stack.callback(threads[-1].close, CLOSE_TIMEOUT)
         yield threads
