@@ -127,11 +127,6 @@ class DriveConfig(RobotOptions):
 
         return read_disturbances(self.disturbance)
 
-    @property
-    def rate(self) -> float:
-        """Frames a second."""
-        return self.disturbance_values.fps or super().rate
-
     def single(self, **changes: Any) -> DriveConfig:
         """The options of one drive among those of a command, with changes."""
         return DriveConfig(**{field.name: getattr(self, field.name) for field in fields(DriveConfig)} | changes)

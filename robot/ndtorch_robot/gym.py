@@ -101,7 +101,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             raise InputError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
         load_arena(arena, building or 0)
         self.building, self.disturbances = building, read_disturbances(disturbance)
-        self.rate = self.disturbances.fps or RATE
+        self.rate = RATE
         self.metadata = {**self.metadata, "render_fps": self.rate}
         self.arena, self.walls, self.moving = arena, walls, moving
         self.strips, self.render_mode = observation == "strips", render_mode

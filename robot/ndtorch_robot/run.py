@@ -45,8 +45,6 @@ def open_drive(config: RunConfig, report: Report) -> Iterator[tuple[Drive, Clock
 
         world, rig, body = config.simulation, config.stereo_rig, config.body
         disturbances = read_disturbances(world.disturbance)
-        if disturbances.fps:
-            raise InputError("disturbance: the frames a second of a car are its rate_hz")
         if disturbances.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
             raise InputError(f"disturbance: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")
         simulation = Simulation(

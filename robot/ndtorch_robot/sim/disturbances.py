@@ -36,12 +36,8 @@ PRESETS = {
     "baseline": "baseline_error_ratio=0.05",
     "focal": "focal_error_ratio=0.05",
     "lost": "lost_ratio=0.1",
-    "repeated": "repeated_ratio=0.1",
     "latency": "latency_s=0.066",
-    "fps-15": "fps=15",
-    "fps-60": "fps=60",
     "delay": "delay_s=0.15",
-    "backlash": "backlash_per_m=0.3",
     "odometry-scale": "odometry_scale_ratio=0.05",
     "curvature-bias": "curvature_bias_per_m=0.05",
     "slip": "slip_ratio=0.1",
@@ -63,11 +59,8 @@ class Disturbances(Strict):
     flicker_ratio: Ratio = 0.0  # swing of the brightness of lamps 100 times a second
     darkness_ratio: Ratio = 0.0  # ratio of the light that is missing
     lost_ratio: Often = 0.0  # ratio of the frames that never arrive
-    repeated_ratio: Often = 0.0  # ratio of the frames that are replaced by the one before
     latency_s: Seconds = 0.0  # age of the frames that arrive
-    fps: Annotated[float, Field(ge=0, le=120)] = 0.0  # frames a second of the cameras; 0 is the rate of the car
     delay_s: Seconds = 0.0  # time until a command takes effect
-    backlash_per_m: Annotated[float, Field(ge=0, le=2)] = 0.0  # difference between the curvatures of wheels and servo
     odometry_scale_ratio: ErrorRatio = 0.0  # how much too long measured distances are
     curvature_bias_per_m: ErrorRatio = 0.0  # how much too large measured curvatures are
     slip_ratio: Ratio = 0.0  # largest part of a distance by which the wheels spin; changes every second
@@ -110,7 +103,6 @@ class Effects:
     def __init__(self, disturbances: Disturbances, rng: np.random.Generator) -> None:
         self.given, self.rng = disturbances, rng
         self.queue: deque[StereoFrames] = deque()
-        self.last: StereoFrames | None = None
         self.second, self.slip = -1, 0.0
 
     def image(self, pixels: torch.Tensor, time: float) -> torch.Tensor:
@@ -128,17 +120,14 @@ class Effects:
         return bool(self.given.lost_ratio and self.rng.random() < self.given.lost_ratio)
 
     def deliver(self, frames: StereoFrames) -> StereoFrames:
-        """The frames that arrive when these are taken: those as old as the latency, or the ones before."""
-        if self.given.latency_s:
-            self.queue.append(frames)
-            when = frames.time - self.given.latency_s
-            while len(self.queue) > 1 and self.queue[1].time <= when + 1e-9:
-                self.queue.popleft()
-            frames = self.queue[0]._replace(time=when)
-        if self.given.repeated_ratio and self.last is not None and self.rng.random() < self.given.repeated_ratio:
-            frames = self.last._replace(time=frames.time)
-        self.last = frames
-        return frames
+        """The frames that arrive when these are taken: those as old as the latency."""
+        if not self.given.latency_s:
+            return frames
+        self.queue.append(frames)
+        when = frames.time - self.given.latency_s
+        while len(self.queue) > 1 and self.queue[1].time <= when + 1e-9:
+            self.queue.popleft()
+        return self.queue[0]._replace(time=when)
 
     def odometry(self, driven: DriveCommand, now: float) -> DriveCommand:
         """What the odometer measures of what was driven."""

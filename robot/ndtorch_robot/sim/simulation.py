@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -14,7 +13,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Body, Rect, StereoRig, Strips
 from ndtorch_robot.ports import STAND, CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.sim._kernels import rectangle_touches
-from ndtorch_robot.sim.cameras import Cameras, Frame
+from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.disturbances import Disturbances, Effects
 from ndtorch_robot.sim.plan import Plan, Point, SpawnPoints
 from ndtorch_robot.sim.textures import Walls
@@ -36,6 +35,8 @@ RIG = StereoRig(forward=0.15)
 
 BODY = Body()
 """The car of [A]."""
+
+NO_WALLS = np.zeros((0, 2, 2))
 
 STATIONARY = 0.02
 """m/s: a car slower than this is stationary."""
@@ -59,11 +60,10 @@ class Collision(NamedTuple):
     stationary: bool = False
 
 
-@dataclass(frozen=True)
-class CarLimits:
+class CarLimits(NamedTuple):
     """What the car can do. [A] gives speed and radius; the steering is that of model-car servos, from lock to lock.
 
-    Args:
+    Attributes:
         speed: fastest, m/s, forward and backward.
         curvature: tightest, 1/m.
         acceleration: m/s^2, also when braking.
@@ -78,10 +78,10 @@ class CarLimits:
     @classmethod
     def of(cls, body: Body) -> CarLimits:
         """Of a robot with this body, which steers from lock to lock in the time of the car of [A]."""
-        if body == Body():
+        if body == BODY:
             return cls()
-        tightest = body.max_curvature_per_m
-        steering = tightest * cls.steering / cls.curvature
+        tightest, usual = body.max_curvature_per_m, cls()
+        steering = tightest * usual.steering / usual.curvature
         return cls(body.max_speed_m_per_s, tightest, body.max_acceleration_m_per_s2, steering)
 
 
@@ -90,29 +90,25 @@ class Car:
 
     Args:
         limits: what it can do.
-        backlash: curvature by which the wheels may differ from the servo, 1/m.
         delay: time until a command takes effect, s.
     """
 
-    def __init__(self, limits: CarLimits | None = None, backlash: float = 0.0, delay: float = 0.0) -> None:
-        self.limits, self.backlash, self.delay = limits or CarLimits(), backlash, delay
+    def __init__(self, limits: CarLimits | None = None, delay: float = 0.0) -> None:
+        self.limits, self.delay = limits or CarLimits(), delay
         self.queue: deque[tuple[float, DriveCommand]] = deque()
         self.place(0.0, 0.0, 0.0)
 
     def place(self, x: float, y: float, heading: float) -> None:
         """Move the car there; it is stationary."""
         self.x, self.y, self.heading = x, y, heading
-        self.speed = self.curvature = self.servo = 0.0
+        self.speed = self.curvature = self.length = self.turned = self.seconds = 0.0
         self.wanted = STAND
-        self.length = self.turned = self.seconds = 0.0
 
     def send(self, command: DriveCommand, now: float = 0.0) -> DriveCommand:
         """Ask for a speed and a curvature; returns what it will do, which is within its limits."""
         if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
             raise InputError(f"commands must be finite, got {command}")
-        most = self.limits
-        speed = min(max(command.speed, -most.speed), most.speed)
-        within = DriveCommand(speed, min(max(command.curvature, -most.curvature), most.curvature))
+        within = DriveCommand(*(min(max(v, -m), m) for v, m in zip(command, self.limits[:2], strict=True)))
         if self.delay:
             self.queue.append((now + self.delay, within))
         else:
@@ -128,10 +124,9 @@ class Car:
         """Drive for `dt` seconds, until `now`: the exact arc at the speed and curvature reached by then."""
         while self.queue and self.queue[0][0] <= now + 1e-9:
             self.wanted = self.queue.popleft()[1]
-        most = self.limits
-        self.speed = approach(self.speed, self.wanted.speed, most.acceleration * dt)
-        self.servo = approach(self.servo, self.wanted.curvature, most.steering * dt)
-        self.curvature = min(max(self.curvature, self.servo - self.backlash), self.servo + self.backlash)
+        faster, tighter = self.limits.acceleration * dt, self.limits.steering * dt
+        self.speed += min(max(self.wanted.speed - self.speed, -faster), faster)
+        self.curvature += min(max(self.wanted.curvature - self.curvature, -tighter), tighter)
         length = self.speed * dt
         half = self.curvature * length / 2
         chord = length * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
@@ -148,10 +143,6 @@ class Car:
         curvature = self.turned / self.length if abs(self.length) > 1e-9 else 0.0
         self.length = self.turned = self.seconds = 0.0
         return DriveCommand(speed, curvature)
-
-
-def approach(value: float, goal: float, most: float) -> float:
-    return value + min(max(goal - value, -most), most)
 
 
 class Simulation(Drive):
@@ -204,7 +195,7 @@ class Simulation(Drive):
         self.effects = Effects(self.disturbances, np.random.default_rng((seed, 300)))
         # The steering takes what the car of [A] needs to react.
         delay = self.disturbances.delay_s + max(0.0, self.body.reaction_s - BODY.reaction_s)
-        self.car = Car(CarLimits.of(self.body), self.disturbances.backlash_per_m, delay)
+        self.car = Car(CarLimits.of(self.body), delay)
         self.steps = 0
         self.collisions: list[Collision] = []
         self.placed: Placed = None
@@ -239,22 +230,17 @@ class Simulation(Drive):
         while self.steps < round(time * SUBSTEPS):
             self.steps += 1
             self.car.advance(1 / SUBSTEPS, self.now())
-            person = self.touches_person()
-            if person or self.touches():
+            person = self.pedestrian_at
+            post = np.array([] if person is None else [(*person, PEDESTRIAN_RADIUS)]).reshape(-1, 3)
+            hit = bool(rectangle_touches(*self.pose, self.half, NO_WALLS, post))
+            if hit or self.touches():
                 stationary = abs(self.car.speed) < STATIONARY
-                self.collisions.append(Collision(self.now(), *self.pose, person, stationary))
+                self.collisions.append(Collision(self.now(), *self.pose, hit, stationary))
                 self.respawn()
 
     def touches(self, pose: tuple[float, float, float] | None = None) -> bool:
         """Whether the car would touch the building at a pose, by default its own."""
         return bool(rectangle_touches(*(pose or self.pose), self.half, self.world.walls, self.world.posts))
-
-    def touches_person(self) -> bool:
-        at = self.pedestrian_at
-        if at is None:
-            return False
-        post = np.array([(*at, PEDESTRIAN_RADIUS)])
-        return bool(rectangle_touches(*self.pose, self.half, np.zeros((0, 2, 2)), post))
 
     def respawn(self) -> None:
         """Move the car to the nearest free place, away from the pedestrian, where it touches nothing."""
@@ -289,14 +275,13 @@ class Simulation(Drive):
         if at is not None:
             count = len(self.world.person)
             self.world.corners[-count:, :, :2] = self.world.person[:, :, :2] + at
-        left, right = (self.sensed(frame, now) for frame in self.cameras.look(*self.pose))
+        left, right = (
+            Strips(*(self.effects.image(part, now) for part in frame))
+            if isinstance(frame, Strips)
+            else self.effects.image(frame, now)
+            for frame in self.cameras.look(*self.pose)
+        )
         return self.effects.deliver(StereoFrames(left, right, now))
-
-    def sensed(self, frame: Frame, time: float) -> Frame:
-        """A frame as its sensor gives it."""
-        if isinstance(frame, Strips):
-            return Strips(*(self.effects.image(part, time) for part in frame))
-        return self.effects.image(frame, time)
 
     def send(self, command: SafeCommand) -> DriveCommand:
         """Drive like this from now on."""

@@ -1,6 +1,5 @@
 """Disturbances of simulated drives: text to numbers, light, optics, timing, steering, odometer."""
 
-import itertools
 import math
 
 import numpy as np
@@ -23,7 +22,7 @@ def test_text():
     assert read_disturbances("").none
     assert read_disturbances("noise_sigma=0").none
     read = read_disturbances("noise,pitch_deg=-2,latency_s=0.05")
-    assert (read.noise_sigma, read.pitch_deg, read.latency_s, read.fps) == (0.05, -2, 0.05, 0)
+    assert (read.noise_sigma, read.pitch_deg, read.latency_s, read.delay_s) == (0.05, -2, 0.05, 0)
     assert not any(read_disturbances(name).none for name in PRESETS)
     assert read_disturbances("slip").odometer
     assert not read_disturbances("noise,lost,delay").odometer
@@ -58,16 +57,12 @@ def test_timing():
 
     late = effects(latency_s=0.1)
     assert [delivered(late.deliver(frames(k / 10))) for k in range(4)] == [(0, -0.1), (0, 0), (0.1, 0.1), (0.2, 0.2)]
-    again = effects(repeated_ratio=0.5)
-    pictures = [delivered(again.deliver(frames(k / 10))) for k in range(200)]
-    assert [time for _, time in pictures] == pytest.approx([k / 10 for k in range(200)])
-    assert 70 < sum(a[0] == b[0] for a, b in itertools.pairwise(pictures)) < 130
     lost = effects(lost_ratio=0.3)
     assert 40 < sum(lost.loses_frame() for _ in range(200)) < 80
     assert not effects().loses_frame()
 
 
-def test_delay_backlash_and_odometer():
+def test_delay_and_odometer():
     car = Car(delay=0.15)
     car.send(DriveCommand(0.5, 0.0), 0.0)
     car.send(DriveCommand(0.4, 0.0), 0.05)
@@ -76,12 +71,6 @@ def test_delay_backlash_and_odometer():
         car.advance(0.01, time)
         wanted.append(car.wanted.speed)
     assert wanted == [0.0, 0.5, 0.4]
-    car = Car(backlash=0.3)
-    for curvature in (1.0, 0.5):  # the second is within the backlash
-        car.send(DriveCommand(0.5, curvature))
-        for _ in range(60):
-            car.advance(1 / 60)
-        assert car.curvature == pytest.approx(0.7)
     odometer = effects(odometry_scale_ratio=0.05, curvature_bias_per_m=0.1, slip_ratio=0.2)
     measured = [odometer.odometry(DriveCommand(1.0, 0.0), t) for t in (0.1, 0.5, 1.1)]
     assert measured[0] == measured[1] != measured[2]
