@@ -64,7 +64,8 @@ def read_film(path: Path) -> Any:
 def read_barn(path: Path) -> Any:
     from ndtorch_robot.barn import read_worlds
 
-    return [world.plan() for world in read_worlds(path)]
+    file = read_worlds(path)
+    return [file.plan(world) for world in file.worlds]
 
 
 BARN = {

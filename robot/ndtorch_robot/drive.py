@@ -99,7 +99,7 @@ def drive(
     safe = SafeDrive(simulation, simulation, config.limits, monitor)
     car = Car(runner, simulation, safe, steer=steer, max_steps=max(1, round(config.seconds * rate)))
     record, path = Record(runner, lambda: simulation.pose), WalkedPath()
-    respawn = Respawn(simulation, runner)
+    respawn = Respawn(simulation, runner, safe, end=config.disturbance_values.none)
     recorder, interrupted = None, False
     with contextlib.ExitStack() as stack:
         if config.record is not None:
@@ -115,7 +115,7 @@ def drive(
             view = View(stream, runner, print_note, wait=True, plan=plan, truth=lambda: simulation.pose)
             stack.callback(view.close)
             car.observers.append(view)
-        car.observers += [respawn, AutoResume(safe, respawn, end=config.disturbance_values.none), *observers]
+        car.observers += [respawn, *observers]
         runner.warm_up()  # before the time is taken
         began = time.perf_counter()
         try:
@@ -181,49 +181,34 @@ def summarise(
 
 
 class Respawn:
-    """An observer that respawns a car whose controller has stopped for 2 s. On hardware a person does this.
+    """An observer that respawns a car that its controller or its cameras have stopped for 2 s, as a person would.
+
+    Args:
+        simulation, runner, safe: of the car.
+        end: raise `InputError` for faults other than blank walls: simulated cameras do not recover.
 
     Attributes:
-        stops: times at which the controller stopped for good.
+        stops: times at which it stopped for good.
     """
 
-    def __init__(self, simulation: Simulation, runner: NavigatorRunner) -> None:
-        self.simulation, self.runner = simulation, runner
+    def __init__(self, simulation: Simulation, runner: NavigatorRunner, safe: SafeDrive, end: bool = False) -> None:
+        self.simulation, self.runner, self.safe, self.end = simulation, runner, safe, end
         self.stops: list[float] = []
-        self.stopped_steps = 0
+        self.stopped = self.standing = 0
 
     def __call__(self, step: Step) -> None:
         stopped = step.state is not None and self.runner.mode() == STOPPED
-        self.stopped_steps = self.stopped_steps + 1 if stopped else 0
-        if self.stopped_steps == 1 and step.frames is not None:
-            self.stops.append(step.frames.time)
-        if self.stopped_steps >= STOP_TIME * self.runner.rate:
-            self.stopped_steps = 0
-            self.simulation.respawn()
-
-
-class AutoResume:
-    """An observer that respawns and resumes a car that its cameras have stopped; this counts as a stop for good.
-
-    Args:
-        safe: the safety layer of the car.
-        respawn: where stops are counted.
-        end: raise `InputError` for faults other than blank walls: simulated cameras do not recover.
-    """
-
-    def __init__(self, safe: SafeDrive, respawn: Respawn, end: bool = False) -> None:
-        self.safe, self.respawn, self.end = safe, respawn, end
-        self.since: float | None = None
-
-    def __call__(self, step: Step) -> None:
-        if step.standing is None:
-            self.since = None
-            return
-        if self.end and self.safe.faults[-1].kind is not FaultKind.BLANK:
+        self.stopped = self.stopped + 1 if stopped else 0
+        self.standing = 0 if step.standing is None else self.standing + 1
+        if step.standing is not None and self.end and self.safe.faults[-1].kind is not FaultKind.BLANK:
             raise InputError(step.standing)
-        self.since = step.time if self.since is None else self.since
-        if step.time - self.since >= STOP_TIME and self.safe.state is not DriveState.DRIVING:
-            self.since = None
-            self.respawn.stops.append(step.time)
-            self.respawn.simulation.respawn()
+        if self.stopped == 1 and step.frames is not None:
+            self.stops.append(step.frames.time)
+        most = STOP_TIME * self.runner.rate
+        blind = self.standing > most and self.safe.state is not DriveState.DRIVING
+        if blind:
+            self.stops.append(step.time)
             self.safe.resume()
+        if blind or self.stopped >= most:
+            self.stopped = self.standing = 0
+            self.simulation.respawn()

@@ -6,7 +6,7 @@ What the cameras see in, speed and curvature out.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -17,7 +17,6 @@ from gymnasium import spaces
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips, cut_strips
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch_robot.config import RATE
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import ARENAS, load_arena
@@ -87,7 +86,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
     def __init__(
         self,
         arena: str = "hallway",
-        observation: str = "strips",
+        observation: Literal["strips", "frames"] = "strips",
         controller: str = "ranging",
         building: int | None = None,
         walls: Walls = "textured",
@@ -95,14 +94,14 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         disturbance: str = "",
         render_mode: str | None = None,
     ) -> None:
-        if observation not in ("strips", "frames"):
-            raise InputError(f"observation must be 'strips' or 'frames', got {observation!r}")
-        if render_mode not in (None, "rgb_array"):
-            raise InputError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+        for name, value, words in (
+            ("observation", observation, ("strips", "frames")),
+            ("render_mode", render_mode, (None, "rgb_array")),
+        ):
+            if value not in words:
+                raise InputError(f"{name} must be {words[0]!r} or {words[1]!r}, got {value!r}")
         load_arena(arena, building or 0)
         self.building, self.disturbances = building, read_disturbances(disturbance)
-        self.rate = RATE
-        self.metadata = {**self.metadata, "render_fps": self.rate}
         self.arena, self.walls, self.moving = arena, walls, moving
         self.strips, self.render_mode = observation == "strips", render_mode
         self.fields = NavigatorOptions(controller=controller).fields(RIG)
@@ -114,8 +113,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         if not self.strips:
             spaces_of = {eye: spaces.Box(0, 255, (3, RIG.height, RIG.width), np.uint8) for eye in ("left", "right")}
         self.observation_space: Any = spaces.Dict(spaces_of)
-        limits = CarLimits()
-        most = np.array([limits.speed, limits.curvature], np.float32)
+        most = np.array(CarLimits()[:2], np.float32)
         self.action_space = spaces.Box(-most, most, dtype=np.float32)
         self.simulation: Simulation | None = None
         self.built: int | None = None
@@ -130,18 +128,15 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         drawn = int(self.np_random.integers(2**31))
         building = drawn if self.building is None else self.building
         if self.simulation is None or self.built != building:
-            self.built, self.simulation = (
+            self.built = building
+            self.simulation = Simulation(
+                load_arena(self.arena, building),
                 building,
-                Simulation(
-                    load_arena(self.arena, building),
-                    building,
-                    walls=self.walls,
-                    pedestrian=self.moving,
-                    full_frames=not self.strips or self.render_mode is not None,
-                    fields=self.fields,
-                    disturbances=self.disturbances,
-                    rate=self.rate,
-                ),
+                walls=self.walls,
+                pedestrian=self.moving,
+                full_frames=not self.strips or self.render_mode is not None,
+                fields=self.fields,
+                disturbances=self.disturbances,
             )
         self.simulation.begin(drawn)
         self.safe = SafeDrive(self.simulation, self.simulation)
@@ -188,9 +183,6 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         if self.render_mode is None or self.frames is None:
             return None
         return np.ascontiguousarray(pixels(self.frames.left).transpose(1, 2, 0))
-
-    def close(self) -> None:
-        self.simulation = self.safe = self.frames = None
 
 
 def pixels(frames: Any) -> Pixels:

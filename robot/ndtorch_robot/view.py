@@ -45,6 +45,9 @@ STRIDE = 0.1
 FAINT, CELLS = 0.04, 20_000
 """Cells of the map are shown from this part of the largest on, and so many at most, the strongest ones."""
 
+BOARD = ("armed", "faults", "battery_v", "rejected")
+"""Telemetry that is shown as text."""
+
 UNREAD, THICK = 40, 4
 """Grey of what is not in the strips, and rows above and below a row that is read alone, so that it can be seen."""
 
@@ -122,7 +125,7 @@ class View(StepThread):
         truth: Callable[[], Pose] | None = None,
     ) -> None:
         self.rr, self.stream, self.runner, self.truth = import_rerun(), stream, runner, truth
-        self.shown, self.words, self.lines = 0, "", list[str]()
+        self.shown, self.words, self.lines = 0, list[str](), list[str]()
         self.start: float | None = None
         self.next_picture = self.next_map = 0.0
         self.paths: dict[str, list[list[tuple[float, float]]]] = {"path": [[]], "believed": [[]]}
@@ -162,25 +165,29 @@ class View(StepThread):
             size = (field.right - field.left, field.bottom - field.top)
             box = rr.Boxes2D(mins=[(field.left, field.top)], sizes=[size], colors=[color])
             log(f"cameras/{side}/fields", box, static=True)
-        commands = rr.SeriesLines(colors=[GREY, BLUE, RED], names=["wanted", "sent", "applied"])
-        speeds = rr.SeriesLines(colors=[BLUE, RED, YELLOW], names=["left", "right", "difference"])
-        log("speeds", speeds, static=True)
-        log("command/speed", commands, static=True)
-        log("command/curvature", commands, static=True)
-        log("board/battery", rr.SeriesLines(colors=[GREEN], names=["battery, V"]), static=True)
+        for name, lines in {
+            "speeds": ("left", "right", "difference"),
+            "command/speed": ("wanted", "sent", "applied"),
+            "command/curvature": ("wanted", "sent", "applied"),
+            "board/battery": ("battery, V",),
+        }.items():
+            log(name, rr.SeriesLines(colors=[BLUE, RED, YELLOW][: len(lines)], names=lines), static=True)
         if plan is not None:
             walls = [np.concatenate((r.array, r.array[:1])) * (1, -1) for r in plan.rings]
             log("floor/walls", rr.LineStrips2D(walls, colors=[GREY], radii=0.02), static=True)
 
     def show(self, now: float, step: Step, lines: tuple[str, ...], truth: Pose | None) -> None:
+        """Log a step."""
         rr, log, state, speeds = self.rr, self.stream.log, step.state, [math.nan] * 3
         self.stream.set_time("time", duration=now)
         for line in lines:
             log("events", rr.TextLog(line, level="WARN" if "stopped" in line else "INFO"))
-        words = self.describe(step)
+        board = {name: step.telemetry[name] for name in BOARD if name in step.telemetry}
+        words = [f"# STANDS\n{step.standing}" if step.standing else "# DRIVES"]
+        words += [f"{name} {value}" for name, value in board.items()] + [f"{self.dropped} steps not shown"]
         if words != self.words:
             self.words = words
-            log("car", rr.TextDocument(words, media_type="text/markdown"))
+            log("car", rr.TextDocument("\n\n".join(words), media_type="text/markdown"))
         if step.frames is not None:
             for side, frame, field in zip(("left", "right"), step.frames[:2], self.runner.fields, strict=True):
                 picture = whole_frame(frame, field, self.runner.rig)[..., ::-1]
@@ -200,7 +207,7 @@ class View(StepThread):
         log("speeds", rr.Scalars(speeds))
         log("command/speed", rr.Scalars([command.speed for command in commands]))
         log("command/curvature", rr.Scalars([command.curvature for command in commands]))
-        log("board/battery", rr.Scalars([float(step.telemetry.get("battery_v") or math.nan)]))
+        log("board/battery", rr.Scalars([float(board.get("battery_v") or math.nan)]))
 
     def log_pose(self, state: NavigatorState, carried: bool, truth: Pose | None) -> None:
         x, y, heading = (float(value) for value in state.pose)
@@ -235,18 +242,6 @@ class View(StepThread):
         colors = (np.array([250, 190, 120]) + certain * np.array([-80, -170, -100])).astype(np.uint8)
         points = np.stack((x.numpy(), -y.numpy()), -1)
         self.stream.log("floor/map", self.rr.Points2D(points, colors=colors, radii=-1.2))
-
-    def describe(self, step: Step) -> str:
-        """The state of the car in words."""
-        board, lines = step.telemetry, [f"# STANDS\n{step.standing}" if step.standing else "# DRIVES"]
-        if board:
-            volts, faults = board.get("battery_v"), ", ".join(board.get("faults", ())) or "none"
-            armed = "armed" if board.get("armed") else "not armed"
-            battery = f"{volts:.1f} V" if volts else "not measured"
-            refused = f"{board.get('rejected', 0)} frames refused"
-            lines.append(f"board {armed}, faults: {faults}; battery {battery}, {refused}")
-        dropped = f"{self.dropped} steps not shown" if self.dropped else ""
-        return "\n\n".join(filter(None, (*lines, dropped)))
 
 
 def whole_frame(frame: Tensor | Strips, field: Rect, rig: StereoRig) -> npt.NDArray[np.uint8]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ndtorch_robot.drive import AutoResume, Respawn
+from ndtorch_robot.drive import Respawn
 from ndtorch_robot.link import HOSTED_BOARD
 from ndtorch_robot.link.simulated import HostedDrive
 from ndtorch_robot.ports import Observer, Step
@@ -45,8 +45,7 @@ def drive_scenario(config: RunConfig, number: int, seconds: float, faults: Seque
         car.cameras = cameras
         injector = FaultInjector(car, car.drive.world, cameras, number, Path(scratch) / "recording.mcap", faults)
         simulation = car.drive.world.simulation
-        respawn = Respawn(simulation, car.runner)
-        car.observers += [respawn, injector, resume_elsewhere(injector, respawn)]
+        car.observers += [injector, resume_elsewhere(injector)]
         car.run(seconds)
         return {
             "number": number,
@@ -59,13 +58,15 @@ def drive_scenario(config: RunConfig, number: int, seconds: float, faults: Seque
         }
 
 
-def resume_elsewhere(injector: FaultInjector, respawn: Respawn) -> Observer:
-    """An observer that moves a car away which would stand before a blank wall for the rest of the scenario."""
-    tell_again = AutoResume(injector.car.safe, respawn)
+def resume_elsewhere(injector: FaultInjector) -> Observer:
+    """An observer that moves a car away which would stand before a wall for the rest of the scenario."""
+    car = injector.car
+    assert isinstance(car.drive, HostedDrive)
+    respawn = Respawn(car.drive.world.simulation, car.runner, car.safe)
 
     def observe(step: Step) -> None:
         if injector.fault is None:
-            tell_again(step)
+            respawn(step)
 
     return observe
 

@@ -5,7 +5,6 @@ import shutil
 import numpy as np
 import pytest
 
-from ndtorch_robot.drive import Respawn
 from ndtorch_robot.ports import STAND, DriveCommand
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
@@ -47,7 +46,6 @@ def inject(folder, *names, backwards=False):
         injector = InOrder(car, car.drive.world, cameras, 0, folder)
         injector.calm, injector.wanted = 0.1, [by_name[name] for name in names]
         simulation, start = car.drive.world.simulation, np.array(car.drive.world.simulation.pose)
-        respawn = Respawn(simulation, car.runner)
 
         def to_the_start(step):
             """A car that drives backwards would come to a wall."""
@@ -60,7 +58,7 @@ def inject(folder, *names, backwards=False):
             if len(injector.rows) == len(names):
                 car.ended.set()
 
-        car.observers += [respawn, to_the_start, injector, resume_elsewhere(injector, respawn), end]
+        car.observers += [to_the_start, injector, resume_elsewhere(injector), end]
         car.run(120.0)
     assert [row["fault"] for row in injector.rows] == list(names)
     return injector, lowest

@@ -14,7 +14,7 @@ from ndtorch.cli.command_run import INCOMPLETE
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils import workers
-from ndtorch_robot.barn import Attempt, BarnWorld
+from ndtorch_robot.barn import Attempt, BarnFile
 from ndtorch_robot.commands import barn
 from ndtorch_robot.config import DriveConfig, RobotOptions
 from ndtorch_robot.drive import check_goal
@@ -104,7 +104,7 @@ def test_a_goal_outside_of_the_building_or_in_a_wall_is_refused() -> None:
             check_goal(DriveConfig(arena="room", controller="goal", goal=f"{x},{y}"), plan)
 
 
-Job = tuple[BarnWorld, RobotOptions]
+Job = tuple[BarnFile, RobotOptions]
 WORLDS = [{"world": n, "path_m": 10.0, "cylinders": [[2.0, 4.0]]} for n in (4, 5, 6)]
 FILE = {**TWO_WORLDS, "worlds": WORLDS}
 
@@ -125,7 +125,7 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Job]:
         assert function is barn.drive_world
         for n, entry in enumerate(tasks):
             entries.append(entry)
-            number = entry[0].number
+            number = entry[0].worlds[0].world
             if number == 5 and entry[1].seed == 0:
                 yield workers.Event("failed", n, "Traceback\n  in a file\nInputError: no OpenGL\n")
                 continue
@@ -158,7 +158,7 @@ def test_what_is_finished_is_kept_and_not_driven_again(
     ]
     assert "1 of 3 worlds are missing" in (out / "barn.md").read_text()
     assert main(command) == INCOMPLETE
-    assert [world.number for world, _ in driven] == [4, 5, 6, 5]
+    assert [file.worlds[0].world for file, _ in driven] == [4, 5, 6, 5]
     assert not out.with_name("out-2").exists()
 
 

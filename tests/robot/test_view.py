@@ -53,7 +53,7 @@ def check_contents(path, count):
     stands = [when for when, text in words if text.startswith("# STANDS\nemergency stop: a key")]
     assert stands == [pytest.approx(31 / 30, abs=0.02)]
     assert FAULTS[0] in words[0][1]
-    assert "7.4 V, 3 frames refused" in words[0][1]
+    assert "battery_v 7.4" in words[0][1]
     events = [text[0] for _, text in rows(path, "/events", "TextLog:text")]
     assert "stopped: emergency stop: a key" in events
     assert rows(path, "/floor/path", "LineStrips2D:strips")

@@ -14,7 +14,7 @@ from ndtorch.errors import InputError
 from ndtorch_robot.config import RobotOptions
 
 if TYPE_CHECKING:
-    from ndtorch_robot.barn import BarnWorld
+    from ndtorch_robot.barn import BarnFile, BarnWorld
 
 
 @dataclass(frozen=True)
@@ -50,17 +50,18 @@ class Barn(RobotOptions):
         import pandas as pd
 
         from ndtorch.utils.files import write_text
-        from ndtorch_robot.barn import Attempt, table, totals
+        from ndtorch_robot.barn import Attempt, read_worlds, table, totals
         from ndtorch_robot.evaluation.drives import drive_many, key_of
 
+        file = read_worlds(self.file)
         options = RobotOptions(**{name: getattr(self, name) for name in asdict(RobotOptions())})
-        jobs = [(world, options) for world in self.chosen()]
+        jobs = [(file.model_copy(update={"worlds": (world,)}), options) for world in self.chosen(file)]
         batch = drive_many(
             drive_world,
             jobs,
-            lambda job: [asdict(job[0]), key_of(job[1])],
-            lambda job: f"world {job[0].number}",
-            lambda job: job[0].limit,
+            lambda job: [job[0].model_dump(), key_of(job[1])],
+            lambda job: f"world {job[0].worlds[0].world}",
+            lambda job: job[0].time_limit_s,
             self.out,
             processes=self.jobs,
         )
@@ -72,19 +73,20 @@ class Barn(RobotOptions):
         print(json.dumps(totals(made)) if self.json else f"{text}\nwritten to {batch.folder}: barn.csv barn.md")
         return batch.exit_code()
 
-    def chosen(self) -> list[BarnWorld]:
-        from ndtorch_robot.barn import read_worlds
-
-        worlds = [w for w in read_worlds(self.file) if self.split == "all" or w.is_test == (self.split == "test")]
-        missing = sorted(set(self.worlds) - {w.number for w in worlds})
-        worlds = [w for w in worlds if not self.worlds or w.number in self.worlds]
+    def chosen(self, file: BarnFile) -> list[BarnWorld]:
+        """The worlds that were asked for."""
+        worlds = [w for w in file.worlds if self.split == "all" or w.is_test == (self.split == "test")]
+        missing = sorted(set(self.worlds) - {w.world for w in worlds})
+        worlds = [w for w in worlds if not self.worlds or w.world in self.worlds]
         if missing or not worlds:
             what = f"world {missing[0]} among those of --split {self.split}" if missing else "worlds"
             raise InputError(f"{self.file} has no {what}")
         return worlds
 
 
-def drive_world(job: tuple[BarnWorld, RobotOptions], report: Callable[[float], None]) -> dict[str, Any]:
+def drive_world(job: tuple[BarnFile, RobotOptions], report: Callable[[float], None]) -> dict[str, Any]:
+    """Drive through the only world of a file."""
     from ndtorch_robot.barn import attempt
 
-    return attempt(*job)._asdict()
+    file, options = job
+    return attempt(file, file.worlds[0], options)._asdict()

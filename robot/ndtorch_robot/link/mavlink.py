@@ -101,6 +101,7 @@ class MavlinkConnection:
         return self.now() - self.latest[kind][0] if kind in self.latest else math.inf
 
     def listen(self) -> None:
+        """The thread: beat, look after the drive, and keep what the autopilot sends."""
         beaten, d = -math.inf, self.dialect
         while not self.closing.is_set():
             if time.monotonic() - beaten >= HEARTBEAT_EVERY:
@@ -110,16 +111,12 @@ class MavlinkConnection:
             try:
                 self.port.select(TICK)
                 while (message := self.port.recv_msg()) is not None:
-                    self.take(message)
+                    if (message.get_srcSystem(), message.get_srcComponent()) == (self.settings.system_id, AUTOPILOT):
+                        self.latest[message.get_type()] = self.now(), message
+                        if message.get_type() == "HEARTBEAT":
+                            self.heard.set()
             except OSError:  # a serial port is opened anew by pymavlink; the silence is noticed by the drive
                 self.closing.wait(TICK)
-
-    def take(self, message: Any) -> None:
-        if (message.get_srcSystem(), message.get_srcComponent()) != (self.settings.system_id, AUTOPILOT):
-            return
-        self.latest[message.get_type()] = self.now(), message
-        if message.get_type() == "HEARTBEAT":
-            self.heard.set()
 
 
 class MavlinkDrive(Drive):
@@ -172,16 +169,9 @@ class MavlinkDrive(Drive):
     def resume(self) -> bool:
         """Obey again if the autopilot does."""
         with self.lock:
-            reason = self.why_not()
-            self.fault, self.standing, self.commanded = reason, reason is not None, self.connection.now()
-            return reason is None
-
-    def armed(self) -> bool:
-        flag = self.connection.dialect.MAV_MODE_FLAG_SAFETY_ARMED
-        return bool(self.connection.latest["HEARTBEAT"][1].base_mode & flag)
-
-    def mode(self) -> int:
-        return int(self.connection.latest["HEARTBEAT"][1].custom_mode)
+            self.fault, self.commanded = self.why_not(), self.connection.now()
+            self.standing = self.fault is not None
+            return not self.standing
 
     def why_not(self) -> str | None:
         """Why the autopilot does not obey now."""
@@ -190,9 +180,10 @@ class MavlinkDrive(Drive):
             return f"lost: no heartbeat of the autopilot for {silent:.1f} s"
         if MOTION_PATIENCE < still < math.inf:
             return f"lost: no motion from the autopilot for {still:.1f} s"
-        if not self.armed():
+        state = self.telemetry()
+        if not state["armed"]:
             return "the autopilot is disarmed"
-        return None if self.mode() == GUIDED else f"the autopilot is in mode {self.mode()}, not GUIDED"
+        return None if state["mode"] == GUIDED else f"the autopilot is in mode {state['mode']}, not GUIDED"
 
     def trouble(self) -> str | None:
         """Why the rover does not obey, other than after `stop`; None when all is well."""
@@ -209,9 +200,10 @@ class MavlinkDrive(Drive):
 
     def telemetry(self) -> dict[str, Any]:
         """State of the autopilot; `link` is why it cannot be commanded, or None."""
-        status = self.connection.latest.get("SYS_STATUS")
+        status, beat = self.connection.latest.get("SYS_STATUS"), self.connection.latest["HEARTBEAT"][1]
         volts = 0.0 if status is None else status[1].voltage_battery / 1e3
-        return {"armed": self.armed(), "mode": self.mode(), "battery_v": volts, "link": self.trouble()}
+        armed = bool(beat.base_mode & self.connection.dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        return {"armed": armed, "mode": int(beat.custom_mode), "battery_v": volts, "link": self.fault}
 
     def close(self) -> None:
         if not self.connection.closing.is_set():
@@ -231,10 +223,9 @@ class MavlinkDrive(Drive):
                 self.report(f"link: {why}")
         if self.connection.age("LOCAL_POSITION_NED") > MOTION_PATIENCE and now - self.asked > 1.0:
             self.asked = now
-            vehicle = self.connection.settings.system_id, AUTOPILOT
+            request = self.connection.settings.system_id, AUTOPILOT, d.MAV_CMD_SET_MESSAGE_INTERVAL, 0
             for message in (d.MAVLINK_MSG_ID_ATTITUDE, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
-                values = (0, message, 1e6 / MOTION_RATE, *[0.0] * 5)
-                self.connection.send("command_long", *vehicle, d.MAV_CMD_SET_MESSAGE_INTERVAL, *values)
+                self.connection.send("command_long", *request, message, 1e6 / MOTION_RATE, *[0.0] * 5)
 
 
 @link("mavlink")
