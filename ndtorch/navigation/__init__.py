@@ -18,7 +18,6 @@ if TYPE_CHECKING:
         TURN,
         Command,
         Controller,
-        Task,
     )
     from ndtorch.navigation.controllers.goal import GoalParams
     from ndtorch.navigation.controllers.published import AvoidanceParams, SaccadeController
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from ndtorch.navigation.controllers.registry import controller_names, make_controller
     from ndtorch.navigation.localisation.localiser import Localiser, LocaliserParams
     from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
-    from ndtorch.navigation.mapping.grid_map import Grid, GridMap
+    from ndtorch.navigation.mapping.grid_map import Grid, GridMap, LogOdds
     from ndtorch.navigation.mapping.map_files import load_map, save_map
     from ndtorch.navigation.mapping.observations import ObservationList
     from ndtorch.navigation.model import Navigator
@@ -58,6 +57,7 @@ __all__ = [
     "GridMap",
     "Localiser",
     "LocaliserParams",
+    "LogOdds",
     "MatchParams",
     "Navigator",
     "NavigatorOptions",
@@ -72,7 +72,6 @@ __all__ = [
     "StereoRanging",
     "StereoRig",
     "Strips",
-    "Task",
     "controller_names",
     "cut_strips",
     "load_map",

@@ -98,8 +98,6 @@ def params_for_body(params: Any, body: Body) -> Any:
     for name, value in vars(params).items():
         if isinstance(value, Body):
             changed[name] = body.in_units()
-        elif name == "reactive":
-            changed[name] = params_for_body(value, body)
         elif name == "goal" and value is not None:
             changed[name] = tuple(part / body.unit_m for part in value)
         elif name.endswith("m_per_s"):

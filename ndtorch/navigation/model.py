@@ -10,24 +10,23 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body
 from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED, Command, Controller
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.localisation.localiser import Localiser, LocaliserState
-from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
-from ndtorch.navigation.mapping.grid_map import in_tensors
+from ndtorch.navigation.mapping.grid_map import GridMap, in_tensors
 from ndtorch.navigation.mapping.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.proximity import Obstacles, ProximityCheck
 from ndtorch.navigation.state import NavigatorState, all_cars, one_car, pose_in, pose_like, ranges_in
+from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.features import FeatureParams, MatchParams
 from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
 from ndtorch.navigation.stereo.rig import AngleModel, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
-from ndtorch.navigation.stereo.strips import Strips, as_frames, grey_pair, row_rect
+from ndtorch.navigation.stereo.strips import Strips, as_frames, grey_pair, read_grey, row_rect
 
 STATIONARY = 0.05
 """A slower car is stationary, m/s."""
@@ -153,7 +152,8 @@ class Navigator(nn.Module):
         """The command, and what returns the state: map, localiser and checks for the next command take their time
         after this one. Arguments, command and state are those of a call of the module.
         """
-        check_kind("state", state, NavigatorState)
+        if state is not None and not isinstance(state, NavigatorState):
+            raise InputError(f"state must be a NavigatorState or None, got {type(state).__name__}")
         # Whole frames stand for both of their strips: each step cuts its own.
         left = left if isinstance(left, Strips) else Strips(left, left)
         right = right if isinstance(right, Strips) else Strips(right, right)
@@ -164,12 +164,11 @@ class Navigator(nn.Module):
         commands = []
         # Frame by frame, because what is done at one frame is what was driven on the path to the next.
         for t in range(shape[-1]):
-            one, other = frame_of(left, t, tensors), frame_of(right, t, tensors)
             moved = driven
             if driven is not None:
                 speed, curvature = driven.speed[..., t], driven.curvature[..., t]
                 moved = Command(speed, curvature) if tensors else Command(float(speed), float(curvature))
-            command, complete = self.step(one, other, state, moved, start)
+            command, complete = self.step(left, right, t, state, moved, start)
             commands.append(command)
             if t + 1 < shape[-1]:
                 state = complete()
@@ -180,28 +179,28 @@ class Navigator(nn.Module):
         return Command(speed, curvature), complete
 
     def step(
-        self, left: Strips, right: Strips, state: NavigatorState | None, driven: Command | None, start: Pose | None
+        self,
+        left: Strips,
+        right: Strips,
+        t: int,
+        state: NavigatorState | None,
+        driven: Command | None,
+        start: Pose | None,
     ) -> tuple[Command, Callable[[], NavigatorState]]:
-        """One frame of each camera: see, range, reckon, decide; and what is done once that is commanded."""
+        """Frame number t of each camera: see, range, reckon, decide; and what is done once that is commanded."""
         controller: Controller = self._modules["controller"]  # type: ignore[assignment]
-        ranging: StereoRanging = self._modules["ranging"]  # type: ignore[assignment]
-        # What the controller sees, and ranges
-        seen_before, rows_before = (None, None) if state is None else (state.fields, state.rows)
-        if self.backend == "numba":
-            frames = as_frames(left.field, right.field)
-            seen, fields = controller.see(frames, seen_before)
-            rows_read = frames if left.row is left.field else as_frames(left.row, right.row)
-            ranges, rows = ranging.step(rows_read, rows_before)
-        else:
-            seen, fields = controller.see((left.field, right.field), seen_before)
-            ranges, rows = ranging(left.row, right.row, rows_before)
-            ranges = Ranges(*(part[..., 0, :] for part in ranges))
+        frames, rows, seen, sides, ranges, fields, filters = self.see(left, right, t, state)
         # Where the car is by dead reckoning; the controller works in units of its body
         begins = state is None or state.fields is None
         before = self.begin(seen, ranges, start) if state is None else state
         last = before.command if driven is None else driven
         pose, control, located = self.reckoning.step(before.pose, *last), before.control, before.located
-        place, control, located = self.localise(left, right, pose, control, located)
+        place = pose
+        if self.localiser is not None and controller.has_goals:
+            # It steers by the localiser's odometry, which sees where wheels slip, and never jumps.
+            located = self.locate(rows, pose, located)
+            place, corrected = pose_like(pose, located.odometry), pose_like(pose, located.pose)
+            control = controller.on_pose(control, pose_in(place, self.unit_m), pose_in(corrected, self.unit_m))
         # The command
         unit, ranged, moved = self.unit_m, ranges, last
         if unit != 1:
@@ -216,14 +215,35 @@ class Navigator(nn.Module):
         def complete() -> NavigatorState:
             after, at = control, located
             if self.near is not None:
-                after = self.check_near(left, right, ranged, place, last, after, begins)
+                after = self.check_near(frames, rows, ranged, place, last, after, begins)
             if self.localiser is not None and not controller.has_goals:
-                at = self.locate(left.row, right.row, pose, at)
-            sides, difference = controller.sides(seen), controller.difference(after)
-            now = (fields, rows, after, command, pose, sides, difference, ranges)
-            return self.fill_map(NavigatorState(*now, before.map, before.observations, before.tracks, at))
+                at = self.locate(rows, pose, at)
+            now = (fields, filters, after, command, pose, sides, after.difference, ranges)
+            complete = NavigatorState(*now, before.map, before.observations, before.tracks, at)
+            return self.fill_map(complete) if self.grid_map or self.observations or self.tracker else complete
 
         return command, complete
+
+    def see(self, left: Strips, right: Strips, t: int, state: NavigatorState | None) -> tuple[Any, ...]:
+        """Frame number t: what both cameras show in subfields and rows, and what the controller and the ranging see.
+
+        Returns:
+            Subfields and rows of both cameras, what the controller steers by, image speeds on both sides, ranges, and
+            the states of the filters of subfields and rows.
+        """
+        controller: Controller = self._modules["controller"]  # type: ignore[assignment]
+        ranging: StereoRanging = self._modules["ranging"]  # type: ignore[assignment]
+        fields, filters = (None, None) if state is None else (state.fields, state.rows)
+        if self.backend == "numba":
+            frames = as_frames(left.field[t], right.field[t])
+            rows = frames if left.row is left.field else as_frames(left.row[t], right.row[t])
+            seen, sides, fields = controller.see(frames, fields)
+            ranges, filters = ranging.step(rows, filters)
+            return frames, rows, seen, sides, ranges, fields, filters
+        pairs = [(one.narrow(-4, t, 1), other.narrow(-4, t, 1)) for one, other in zip(left, right, strict=True)]
+        seen, sides, fields = controller.see(pairs[0], fields)
+        ranges, filters = ranging(*pairs[1], filters)
+        return *pairs, seen, sides, Ranges(*(part[..., 0, :] for part in ranges)), fields, filters
 
     def begin(self, seen: Any, ranges: Ranges, start: Pose | None) -> NavigatorState:
         """The state before the first frame: the car stands."""
@@ -233,56 +253,36 @@ class Navigator(nn.Module):
         return NavigatorState(None, None, control, Command(still, still), pose, None, still, ranges, None, None, None)
 
     def check_near(
-        self, left: Strips, right: Strips, ranges: Ranges, pose: Pose, last: Command, control: Any, begins: bool
+        self, frames: Frames, rows: Frames, ranges: Ranges, pose: Pose, last: Command, control: Any, begins: bool
     ) -> Any:
-        """The controller's state after a check of what is near, if it stands, and after what it requests.
+        """The controller's state after a check of what is near, if it stands, and after what it asks for.
 
         Args:
-            left, right: frames `[C, H, W]`; ranges and pose are in units of the body.
+            frames, rows: of both cameras; ranges and pose are in units of the body.
             last: driven on the path to the pose.
             begins: this is the first frame, or the first one after a fault.
         """
         assert self.near is not None
-        rows = (left.row, right.row)
-        if abs(last.speed) <= STATIONARY and (begins or self.controller.mode(control) in (SUPPRESSED, STOPPED)):
-            near = Obstacles(ranges.x[ranges.valid], ranges.y[ranges.valid])
-            scan = self.near((left.field, right.field), rows, near)
+        near, searching, unit = self.near, self.searching, self.unit_m
+        if abs(last.speed) <= STATIONARY and (begins or control.mode in (SUPPRESSED, STOPPED)):
+            scan = near(frames, rows, Obstacles(ranges.x[ranges.valid], ranges.y[ranges.valid]))
             control = self.controller.on_near_obstacles(control, pose, scan)
-        ahead, close = self.controller.sensing_requests(control)
-        if not (ahead or close):
-            return control
-        extra = None
-        if ahead and self.searching is not None:
-            extra = ranges_in(self.searching.step(as_frames(*rows), None)[0], self.unit_m)
-        return self.controller.on_extra_ranges(control, pose, extra, self.near.obstacles(rows) if close else None)
+        search = (lambda: None) if searching is None else lambda: ranges_in(searching.step(rows, None)[0], unit)
+        return self.controller.look_again(control, pose, search, lambda: near.obstacles(rows))
 
-    def localise(
-        self, left: Strips, right: Strips, pose: Pose, control: Any, located: LocaliserState | None
-    ) -> tuple[Pose, Any, LocaliserState | None]:
-        """The pose by which the controller steers, its state, and that of the localiser; where it has goals.
-
-        It never jumps: that of the localiser's odometry, which sees where wheels slip.
-        """
-        if self.localiser is None or not self.controller.has_goals:
-            return pose, control, located
-        located = self.locate(left.row, right.row, pose, located)
-        here, place = pose_like(pose, located.odometry), pose_like(pose, located.pose)
-        control = self.controller.on_pose(control, pose_in(here, self.unit_m), pose_in(place, self.unit_m))
-        return here, control, located
-
-    def locate(self, left: Tensor, right: Tensor, pose: Pose, located: LocaliserState | None) -> LocaliserState:
+    def locate(self, rows: Any, pose: Pose, located: LocaliserState | None) -> LocaliserState:
         """The localiser's state with the corrected pose of a frame."""
         assert self.localiser is not None
-        rows = None
+        grey = None
         if self.localiser.due(located):
-            one, other = (row if row.ndim == 4 else row.unsqueeze(0) for row in (left, right))
-            rows = grey_pair(one, other, self.row, self.row, self.size).squeeze(-2)[0]
-        return self.localiser(rows, pose, located)
+            if isinstance(rows, Frames):
+                grey = torch.from_numpy(read_grey(rows, (self.row, self.row), self.size)[:, 0])
+            else:
+                grey = grey_pair(rows[0], rows[1], self.row, self.row, self.size).squeeze(-2)[0]
+        return self.localiser(grey, pose, located)
 
     def fill_map(self, state: NavigatorState) -> NavigatorState:
         """Fill the map, the observation list and the tracks, as far as there are any."""
-        if self.grid_map is None and self.observations is None and self.tracker is None:
-            return state
         ranges, poses = state.ranges, state.place
         grid, seen, tracks = state.map, state.observations, state.tracks
         if self.backend == "torch":
@@ -343,11 +343,12 @@ class Navigator(nn.Module):
             frame = torch.zeros(1, *self.size, 3, dtype=torch.uint8).permute(0, 3, 1, 2)
         _, state = self(frame, frame)
         self(frame, frame, state)
-        self.ranging.step(as_frames(frame[0], frame[0]), None)
+        both = as_frames(frame[0], frame[0])
+        self.ranging.step(both, None)
         if self.near is not None:
-            self.near((frame[0], frame[0]), (frame[0], frame[0]))
+            self.near(both, both)
         if self.searching is not None:
-            self.searching.step(as_frames(frame[0], frame[0]), None)
+            self.searching.step(both, None)
         self.controller.warm_up()
         if self.localiser is not None:
             self.localiser.warm_up()
@@ -367,11 +368,3 @@ def frames_shape(left: Strips, right: Strips) -> tuple[int, ...]:
                 f"{tuple(getattr(part, 'shape', ()))} beside {tuple(shape)}"
             )
     return tuple(shape[:-3])
-
-
-def frame_of(eye: Strips, t: int, tensors: bool) -> Strips:
-    """One of the frames of a camera: `[C, H, W]`, or `[..., 1, C, H, W]` for steps of tensors."""
-    field = eye.field.narrow(-4, t, 1) if tensors else eye.field[t]
-    if eye.row is eye.field:
-        return Strips(field, field)
-    return Strips(field, eye.row.narrow(-4, t, 1) if tensors else eye.row[t])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
@@ -12,16 +12,15 @@ from ndtorch.errors import InputError
 
 if TYPE_CHECKING:
     from ndtorch.navigation.body import Body
-    from ndtorch.navigation.controllers import Controller, Task
+    from ndtorch.navigation.controllers import Controller
     from ndtorch.navigation.localisation.localiser import Localiser
     from ndtorch.navigation.mapping.grid_map import Grid
     from ndtorch.navigation.model import Navigator
     from ndtorch.navigation.odometry import Pose
     from ndtorch.navigation.stereo.rig import Rect, StereoRig
-    from ndtorch.navigation.stereo.search import SearchParams
 
-EDGE_REACH, FOLLOW = 4, 3
-"""Pixels within which a feature's edge is looked for, and within which it is followed to the next frame."""
+EDGE_REACH = 4
+"""Pixels within which a feature's edge is looked for."""
 
 LIMITS = {"features": (1, 32), "speed": (0.1, 1.0)}
 """Least and highest numbers: a row has no more edges, and [A] gives 1 m/s for the car."""
@@ -46,10 +45,8 @@ class NavigatorOptions:
     published)."""
     stereo: Literal["auto", "features", "search"] = "auto"
     """Ranging: a few features matched on both rows (features, as published), a search of the right row for many places
-    of the left one (search, without features, feature_position and prediction), or the first for the controller
-    published and else the second (auto)."""
-    prediction: bool = False
-    """Features are followed from frame to frame instead of chosen anew, as in [A 2.1.4]."""
+    of the left one (search, without features and feature_position), or the first for the controller published and
+    else the second (auto)."""
     map_update: Literal["beams", "log-odds"] = "beams"
     """Cells of the map: summed certainty (beams, as published) or log-odds."""
     goal: str = ""
@@ -85,12 +82,6 @@ class NavigatorOptions:
         x, y, degrees = numbers_of("map_start", self.map_start or "0,0,0", "X,Y,DEGREES", "3,-1.5,90")
         return Pose(x, y, math.radians(degrees))
 
-    def task(self) -> Task:
-        """What the controller is asked to do."""
-        from ndtorch.navigation.controllers import Task
-
-        return Task(place_of(self.goal), self.explore, self.return_home, self.speed)
-
     def params(self) -> Any:
         """Parameters of the controller for what it is asked to do.
 
@@ -99,7 +90,8 @@ class NavigatorOptions:
         """
         from ndtorch.navigation.controllers import controller_class
 
-        return controller_class(self.controller).params_for(self.task())
+        kind, goal = controller_class(self.controller), place_of(self.goal)
+        return kind.params_for(self.speed, goal=goal, explore=self.explore, return_home=self.return_home)
 
     def make(self, rig: StereoRig, dt: float, body: Body | None = None) -> Controller:
         """The controller.
@@ -111,15 +103,6 @@ class NavigatorOptions:
 
         return make_controller(self.controller, rig, dt, self.params(), body=body)
 
-    def search(self, rig: StereoRig, body: Body | None = None) -> SearchParams | None:
-        """How the right row is searched, if it is."""
-        from ndtorch.navigation.body import Body
-        from ndtorch.navigation.controllers import controller_class
-        from ndtorch.navigation.stereo.search import SearchParams
-
-        searches = controller_class(self.controller).checks_near if self.stereo == "auto" else self.stereo == "search"
-        return SearchParams.for_body(rig, body or Body()) if searches else None
-
     def navigator(
         self, rig: StereoRig, rate: float, grid: Grid | None = None, near_check: bool = True, body: Body | None = None
     ) -> Navigator:
@@ -130,22 +113,25 @@ class NavigatorOptions:
             near_check: see `Navigator`.
             body: of the robot; the car of [A] by default.
         """
+        from ndtorch.navigation.body import Body
+        from ndtorch.navigation.controllers import controller_class
         from ndtorch.navigation.mapping.certainty import SEARCH_SPREAD_PX
         from ndtorch.navigation.mapping.grid_map import GridMap
         from ndtorch.navigation.model import Navigator
         from ndtorch.navigation.stereo.features import FeatureParams
+        from ndtorch.navigation.stereo.search import SearchParams
 
-        edges, search = self.feature_position == "edges", self.search(rig, body)
-        features = FeatureParams(self.features, edge_reach_px=EDGE_REACH if edges else 0, shared=edges)
-        spread = 1.0 if search is None else SEARCH_SPREAD_PX
+        edges = self.feature_position == "edges"
+        searches = controller_class(self.controller).checks_near if self.stereo == "auto" else self.stereo == "search"
+        spread = SEARCH_SPREAD_PX if searches else 1.0
         return Navigator(
             rig,
             1 / rate,
             controller=self.controller,
             params=self.params(),
-            features=replace(features, follow_reach_px=FOLLOW if self.prediction else 0),
+            features=FeatureParams(self.features, edge_reach_px=EDGE_REACH if edges else 0, shared=edges),
             angles=self.angle,
-            search=search,
+            search=SearchParams.for_body(rig, body or Body()) if searches else None,
             grid_map=None if grid is None else GridMap(rig, grid, certainty=self.map_update, spread_px=spread),
             near_check=near_check,
             localiser=self.localiser(rig, rate),
@@ -187,12 +173,10 @@ def check_option(name: str, value: Any) -> None:
     least, most = LIMITS.get(name, (0, 0))
     if words and value not in words:
         raise InputError(f"{name} must be {' or '.join(map(repr, words))}, got {value!r}")
-    if kind is bool and not isinstance(value, bool):
-        raise InputError(f"{name} must be true or false, got {value!r}")
     if most and not (type(value) in (int, kind) and least <= value <= most):
         raise InputError(f"{name} must be {'a whole number ' if kind is int else ''}{least} to {most}, got {value!r}")
-    if kind is str and not isinstance(value, str):
-        raise InputError(f"{name} must be text, got {value!r}")
+    if kind in (bool, str) and not isinstance(value, kind):
+        raise InputError(f"{name} must be {'text' if kind is str else 'true or false'}, got {value!r}")
     if name == "controller":
         from ndtorch.navigation.controllers import controller_class
 
@@ -204,11 +188,7 @@ def check_option(name: str, value: Any) -> None:
 
 
 def place_of(text: Any) -> tuple[float, float] | None:
-    """The place in "X,Y"; None for an empty text.
-
-    Raises:
-        InputError: anything else.
-    """
+    """The place in "X,Y", None for an empty text; raises `InputError` for anything else."""
     if text == "":
         return None
     x, y = numbers_of("goal", text, "X,Y", "3,-1.5")
@@ -216,11 +196,7 @@ def place_of(text: Any) -> tuple[float, float] | None:
 
 
 def numbers_of(name: str, text: Any, form: str, example: str) -> list[float]:
-    """The numbers of an option of comma-separated ones.
-
-    Raises:
-        InputError: anything else.
-    """
+    """The numbers of an option of comma-separated ones; raises `InputError` for anything else."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except (ValueError, AttributeError):

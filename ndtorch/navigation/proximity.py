@@ -8,24 +8,20 @@ floor only farther out; so the farthest rows are compared, and many places that 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from torch import Tensor
 
-from ndtorch.arguments import check_numbers
-from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body
-from ndtorch.navigation.stereo._kernels import Array, packed
+from ndtorch.navigation.stereo._kernels import Array, Frames, packed
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams, find_places
-from ndtorch.navigation.stereo.strips import grey_pair, row_rect
+from ndtorch.navigation.stereo.strips import read_grey, row_rect
 from ndtorch.utils.jit import jit
 
 Floats = npt.NDArray[np.float32]
-Pair = tuple[Tensor, Tensor]
 
 FOCAL, MIN_FOCAL = 215.0, 160.0
 """Focal length of shrunk rows, pixels: what is near is coarse. Rows of a shorter one than the second are not shrunk."""
@@ -61,31 +57,12 @@ MANY_PLACES = 12
 BEHIND = 1.1
 """Floor is compared from this many times the depth of an obstacle on, and from this depth on, m."""
 
+MIN_DEPTH_M, MAX_DEPTH_M, HALF_WIDTH_M = 0.25, 0.95, 0.3
+"""Obstacles nearer to the cameras than the first, for the car of [A], are not searched for, those farther than the
+second are not near, and those farther to the side of the car's middle than the third are ignored."""
+
 PAD_PX, GAP_PX, GROUP_MIN_PIXELS = 6, 8, 60
 """Columns to either side of an obstacle that are compared, gap between two obstacles, and fewest pixels."""
-
-
-@dataclass(frozen=True)
-class ProximityParams:
-    """Where the proximity check looks.
-
-    Args:
-        min_depth_m: Obstacles nearer to the cameras than this are not searched for.
-        max_depth_m: Obstacles farther from the cameras than this are not near.
-        half_width_m: Obstacles farther to the side of the car's middle than this are ignored.
-
-    Raises:
-        InputError: A number is out of range.
-    """
-
-    min_depth_m: float = 0.25
-    max_depth_m: float = 0.95
-    half_width_m: float = 0.3
-
-    def __post_init__(self) -> None:
-        check_numbers(self, positive=vars(self))
-        if not self.min_depth_m < self.max_depth_m:
-            raise InputError(f"expected min_depth_m < max_depth_m, got {self}")
 
 
 class Obstacles(NamedTuple):
@@ -125,114 +102,89 @@ class ProximityCheck:
 
     def __init__(self, rig: StereoRig, rects: tuple[Rect, Rect], body: Body | None = None) -> None:
         body = Body() if body is None else body
-        self.rig, self.rects, self.row = rig, rects, row_rect(rig)
-        self.params = p = ProximityParams(min_depth_m=ProximityParams.min_depth_m * body.size_m / body.unit_m)
-        y = np.linspace(-p.half_width_m, p.half_width_m, 9, dtype=np.float32)
-        self.across = Obstacles(np.full_like(y, rig.forward + p.min_depth_m), y)
+        self.rig, self.rects, self.row, self.size = rig, rects, (row_rect(rig),) * 2, (rig.height, rig.width)
+        self.center, least_depth = rig.center[0], MIN_DEPTH_M * body.size_m / body.unit_m
+        y = np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, 9, dtype=np.float32)
+        self.across = Obstacles(np.full_like(y, rig.forward + least_depth), y)
         self.fold = fold = 1 if rig.focal < MIN_FOCAL else max(2, round(rig.focal / FOCAL))
         self.focal = rig.focal / fold / math.cos(rig.pitch)
-        low = max(2, math.floor(self.focal * rig.baseline / p.max_depth_m))
-        high = math.ceil(self.focal * rig.baseline / p.min_depth_m)
+        low = max(2, math.floor(self.focal * rig.baseline / MAX_DEPTH_M))
+        high = math.ceil(self.focal * rig.baseline / least_depth)
         high = max(low + 2, min(rig.width // fold - 2 * MATCHING.half_width_px - 2, high))
         self.matching = packed(replace(MATCHING, min_disparity_px=low, max_disparity_px=high))
+        one, other = rects
+        self.corners = one.top, one.left, other.top, other.left
+        # A row sees (cos - down sin) ahead for every (sin + down cos) down, `down` being rows below center in focals.
+        self.rows, self.horizon = np.arange(one.top, one.bottom), rig.center[1] - rig.focal * math.tan(rig.pitch)
+        slant = 1 - (self.rows - rig.center[1]) / rig.focal * math.tan(rig.pitch)
+        self.depth = rig.focal * rig.camera_height * slant / np.maximum(self.rows - self.horizon, 1.0)
+        # The disparity of the floor grows by `baseline / height` pixels with every row below the horizon; that of a
+        # wall is the same in all rows. Cameras that look up or down a little are allowed for.
+        rows = self.rows[(self.depth >= FLOOR_NEAR_M) & (self.depth <= FLOOR_FAR_M)][::2]
+        ratio, half = rig.focal / 430.0, FLOOR_HALF_WIDTH_M / rig.baseline
+        most, self.least = round(MAX_TILT_PX * ratio), round(MIN_PIXELS * min(1.0, ratio) ** 2)
+        tilts = np.array((0, *range(-most, most + 1, 2)))[:, None]
+        shift = np.rint(rig.baseline / rig.camera_height * math.cos(rig.pitch) * (rows - self.horizon + tilts))
+        # Columns of the left image straight ahead of the car.
+        columns = self.center + shift / 2 - half * shift, self.center + shift / 2 + half * shift + 1
+        self.spans = np.stack((np.broadcast_to(rows, shift.shape), shift, *columns), -1).astype(int)
 
-    def __call__(self, fields: Pair, rows: Pair, ranges: Obstacles = NOWHERE) -> ProximityScan:
+    def __call__(self, frames: Frames, rows: Frames, ranges: Obstacles = NOWHERE) -> ProximityScan:
         """Obstacles that are near, and whether floor is seen straight ahead.
 
         A mismatch of the ranging is the same in every frame of a stationary car. So one near range where no obstacle is
         detected is a mismatch if floor is seen behind it.
 
         Args:
-            fields, rows: of the left and the right camera, frames `[C, H, W]`, whole or cut.
+            frames, rows: of both cameras, whole or cut to subfields and rows.
             ranges: what was ranged, body frame.
         """
-        size, p = (self.rig.height, self.rig.width), self.params
-        images = grey_pair(fields[0][None], fields[1][None], *self.rects, size)[0].float().numpy()
-        floor_seen = floor_correlation(images[0], images[1], self.rects, self.rig) >= MIN_CORRELATION
+        images = read_grey(frames, self.rects, self.size)
+        floor_seen = self.floor_correlation(images) >= MIN_CORRELATION
         obstacles, mismatches = self.on_floor(self.obstacles(rows), images), NOWHERE
-        near = (ranges.x - self.rig.forward < p.max_depth_m) & (np.abs(ranges.y) <= p.half_width_m)
+        near = (ranges.x - self.rig.forward < MAX_DEPTH_M) & (np.abs(ranges.y) <= HALF_WIDTH_M)
         if floor_seen and near.sum() == 1 and not len(obstacles.x):
             one = Obstacles(ranges.x[near], ranges.y[near])
             mismatches = NOWHERE if len(self.on_floor(one, images).x) else one
         return ProximityScan(obstacles, floor_seen, self.across, mismatches)
 
-    def obstacles(self, rows: Pair) -> Obstacles:
-        """Obstacles that are near, whatever the floor shows; rows are frames `[C, H, W]`, whole or cut."""
-        grey = grey_pair(rows[0][None], rows[1][None], self.row, self.row, (self.rig.height, self.rig.width))
-        return self.detect(grey[0, :, 0].float().numpy())
+    def floor_correlation(self, images: Floats) -> float:
+        """Correlation of the floor straight ahead in both subfields `[2, h, w]`; 0 if too little is seen."""
+        return correlation(images[0], images[1], self.corners, self.spans, self.least, MIN_CORRELATION)
+
+    def obstacles(self, rows: Frames) -> Obstacles:
+        """Obstacles that are near, whatever the floor shows."""
+        return self.detect(read_grey(rows, self.row, self.size)[:, 0])
 
     def detect(self, pair: Floats) -> Obstacles:
         """Obstacles in both rows `[2, W]`: every textured place of the left one is matched with the right one."""
-        rig, p, fold = self.rig, self.params, self.fold
+        rig, fold = self.rig, self.fold
         width = pair.shape[1] // fold
         shrunk = pair[:, : width * fold].reshape(2, 1, width, fold).mean(-1)
         found = np.empty((3, MATCHING.count), np.float32)
         find_places(np.ascontiguousarray(shrunk), self.matching, found)
         left, right = found[:2, found[0] > 0]
         depth = self.focal * rig.baseline / (left - right)
-        aside = rig.baseline / 2 + depth * ((rig.center[0] - (fold - 1) / 2) / fold - left) / self.focal
-        kept = np.abs(aside) <= p.half_width_m
+        aside = rig.baseline / 2 + depth * ((self.center - (fold - 1) / 2) / fold - left) / self.focal
+        kept = np.abs(aside) <= HALF_WIDTH_M
         return Obstacles(rig.forward + depth[kept], aside[kept])
 
     def on_floor(self, obstacles: Obstacles, images: Floats) -> Obstacles:
         """Obstacles without those behind which both subfields `[2, h, w]` show one floor."""
         if not 0 < len(obstacles.x) < MANY_PLACES:
             return obstacles
-        rig, (rect, _) = self.rig, self.rects
-        depth = obstacles.x - rig.forward
-        column = rig.center[0] + rig.focal * (rig.baseline / 2 - obstacles.y) / depth
-        order = np.argsort(column)
+        rig, depth = self.rig, obstacles.x - self.rig.forward
+        column = self.center + rig.focal * (rig.baseline / 2 - obstacles.y) / depth
+        order, kept = np.argsort(column), np.ones(len(depth), bool)
         gap = (np.diff(column[order]) > GAP_PX) | (np.abs(np.diff(depth[order])) > 0.15 * depth[order][1:])
-        rows, kept = np.arange(rect.top, rect.bottom), np.ones(len(obstacles.x), bool)
-        floor = floor_depth(rows, rig)
         for group in np.split(order, np.flatnonzero(gap) + 1):
-            behind = rows[floor > max(BEHIND * float(np.median(depth[group])), BEHIND)]
+            behind = self.rows[self.depth > max(BEHIND * float(np.median(depth[group])), BEHIND)]
             ends = column[group].min() - PAD_PX, column[group].max() + PAD_PX + 1
-            shift = np.rint(rig.baseline / rig.camera_height * (behind - horizon(rig)))
+            shift = np.rint(rig.baseline / rig.camera_height * (behind - self.horizon))
             spans = np.stack((behind, shift, np.full_like(shift, ends[0]), np.full_like(shift, ends[1])), 1)
             spans = spans[None].astype(int)
-            kept[group] = correlation(*images, corners(self.rects), spans, GROUP_MIN_PIXELS, UNBROKEN) < UNBROKEN
+            kept[group] = correlation(*images, self.corners, spans, GROUP_MIN_PIXELS, UNBROKEN) < UNBROKEN
         return Obstacles(obstacles.x[kept], obstacles.y[kept])
-
-
-def horizon(rig: StereoRig) -> float:
-    """The row of the horizon, in fractions of a pixel."""
-    return rig.center[1] - rig.focal * math.tan(rig.pitch)
-
-
-def floor_depth(rows: npt.NDArray[Any], rig: StereoRig) -> npt.NDArray[Any]:
-    """Depth of the floor in rows, m."""
-    # A row sees (cos - down sin) ahead for every (sin + down cos) down, `down` being rows below the center in focals.
-    slant = 1 - (rows - rig.center[1]) / rig.focal * math.tan(rig.pitch)
-    return np.asarray(rig.focal * rig.camera_height * slant / np.maximum(rows - horizon(rig), 1.0))
-
-
-def floor_correlation(left: Floats, right: Floats, rects: tuple[Rect, Rect], rig: StereoRig) -> float:
-    """Correlation of the floor straight ahead in both images; 0 if too little is seen.
-
-    The disparity of the floor grows by `baseline / height` pixels with every row below the horizon; that of a wall is
-    the same in all rows. Cameras that look up or down a little are allowed for.
-
-    Args:
-        left, right: subfields `[h, w]` in 0..1.
-        rects: their places in the images.
-    """
-    rows = np.arange(rects[0].top, rects[0].bottom)
-    depth = floor_depth(rows, rig)
-    rows = rows[(depth >= FLOOR_NEAR_M) & (depth <= FLOOR_FAR_M)][::2]
-    ratio, center, half = rig.focal / 430.0, rig.center[0], FLOOR_HALF_WIDTH_M / rig.baseline
-    most, least = round(MAX_TILT_PX * ratio), round(MIN_PIXELS * min(1.0, ratio) ** 2)
-    tilts = np.array((0, *range(-most, most + 1, 2)))[:, None]
-    shift = np.rint(rig.baseline / rig.camera_height * math.cos(rig.pitch) * (rows - horizon(rig) + tilts))
-    # Columns of the left image straight ahead of the car.
-    columns = center + shift / 2 - half * shift, center + shift / 2 + half * shift + 1
-    spans = np.stack((np.broadcast_to(rows, shift.shape), shift, *columns), -1).astype(int)
-    return correlation(left, right, corners(rects), spans, least, MIN_CORRELATION)
-
-
-def corners(rects: tuple[Rect, Rect]) -> tuple[int, int, int, int]:
-    one, other = rects
-    return one.top, one.left, other.top, other.left
 
 
 @jit

@@ -10,11 +10,11 @@ from torch import Tensor
 
 from ndtorch.navigation.controllers.contract import Command
 from ndtorch.navigation.localisation.localiser import LocaliserState
-from ndtorch.navigation.mapping import GridMapState
 from ndtorch.navigation.mapping.feature_tracks import Tracks
+from ndtorch.navigation.mapping.grid_map import GridMapState
 from ndtorch.navigation.mapping.observations import Observations
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.stereo.ranging import Ranges, StereoRangingState
+from ndtorch.navigation.stereo.ranging import Ranges
 
 
 class NavigatorState(NamedTuple):
@@ -26,13 +26,13 @@ class NavigatorState(NamedTuple):
         command: the last command, `[...]`, driven until the next frame.
         pose: where the car was at the last frame by dead reckoning, `[...]`; `place` is the corrected one.
         sides: speed estimates of the last frame, `[..., 2]`.
-        difference: what the controller weighed then, `[...]`; `Controller.trace` says what it is.
+        difference: what the controller weighed then, `[...]`; its `trace` says what it is.
         ranges: of the last frame, `[..., n]`.
         map, observations, tracks, located: states of those parts, None where the navigator has none.
     """
 
     fields: Any
-    rows: StereoRangingState | None
+    rows: Any
     control: Any
     command: Command
     pose: Pose
@@ -62,33 +62,30 @@ def ranges_in(ranges: Ranges, unit: float) -> Ranges:
 
 def pose_like(pose: Pose, values: Any) -> Pose:
     """An array `[3]` as a pose of tensors or of numbers, as another one is."""
-    if isinstance(pose.x, Tensor):
-        return Pose(*pose.x.new_tensor(values).unbind())
-    return Pose(*values.tolist())
+    return Pose(*(pose.x.new_tensor(values).unbind() if isinstance(pose.x, Tensor) else values.tolist()))
 
 
 def one_car(tree: Any, n: int, dims: int) -> Any:
     """The state of one of a batch whose `dims` leading dimensions count cars."""
-    if tree is None:
-        return None
     if isinstance(tree, Tensor):
         return tree.flatten(0, dims - 1)[n]
     if isinstance(tree, np.ndarray):
         part = tree.reshape(-1, *tree.shape[dims:])[n]
         return part if part.ndim else part.item()
-    parts = [one_car(part, n, dims) for part in tree]
-    return type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)
+    return None if tree is None else made_like(tree, [one_car(part, n, dims) for part in tree])
 
 
 def all_cars(trees: list[Any], batch: tuple[int, ...]) -> Any:
     """The opposite of `one_car`: the states of all cars as one, every part `[*batch, ...]`."""
     first = trees[0]
-    if first is None:
-        return None
     if isinstance(first, Tensor):
         return torch.stack(trees).reshape(*batch, *first.shape)
-    if not isinstance(first, tuple):
-        stacked = np.stack([np.asarray(tree) for tree in trees])
-        return stacked.reshape(*batch, *stacked.shape[1:])
-    parts = [all_cars(list(part), batch) for part in zip(*trees, strict=True)]
-    return type(first)(*parts) if hasattr(first, "_fields") else type(first)(parts)
+    if first is None or isinstance(first, tuple):
+        return first and made_like(first, [all_cars(list(part), batch) for part in zip(*trees, strict=True)])
+    stacked = np.stack([np.asarray(tree) for tree in trees])
+    return stacked.reshape(*batch, *stacked.shape[1:])
+
+
+def made_like(tree: Any, parts: list[Any]) -> Any:
+    """A tuple or NamedTuple like another one, of other parts."""
+    return type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.navigation import Navigator, NavigatorState, Ranges
-from ndtorch.navigation.controllers.ranging.control import BLOCKED
-from ndtorch.navigation.local_grid._kernels import LocalGrid
+from ndtorch.navigation.controllers.ranging._kernels import BLOCKED
+from ndtorch.navigation.local_grid import LocalGrid
 from ndtorch.navigation.state import pose_like
 
 Floats = npt.NDArray[np.float64]

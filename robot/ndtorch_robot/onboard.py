@@ -36,15 +36,15 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
     True
     """
     control, ranging = SaccadeController(rig, dt), StereoRanging(rig, dt)
-    saccade, steps, row = control.params, control.steps, ranging.numbers[0]
+    saccade, steps, row = control.params, control.rule, ranging.numbers[0]
     left, right = control.fields
-    table = beam_table(rig, FARTHEST, cell / 2)
+    tangents, weights = (part.double().numpy() for part in beam_table(rig, FARTHEST, cell / 2))
     # The places are a grid of those along and those across the beams, listed row by row: the first row ends where the
     # places across begin again.
-    one, other = table.tangent.double().numpy()
+    one, other = tangents
     columns = int(np.argmax(np.diff(one + other) < 0)) + 1
     across, along = (one + other)[:columns] / 2, (other - one)[::columns] / 2
-    weights = table.weight.double().numpy().reshape(-1, columns) / cell**2
+    weights = weights.reshape(-1, columns) / cell**2
     middle = weights[len(along) // 2, columns // 2]
     whole: dict[str, int] = {
         "ROW_COLUMNS": rig.width,

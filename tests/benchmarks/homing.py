@@ -18,7 +18,7 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import ARRIVED
-from ndtorch.navigation.localisation import LocaliserState
+from ndtorch.navigation.localisation.localiser import LocaliserState
 from ndtorch.navigation.localisation.ndt import to_sparse
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car

@@ -56,7 +56,6 @@ def steady(module: StereoRanging, left: Tensor, right: Tensor) -> list[Tensor]:
         (FeatureParams(7, edge_reach_px=4, shared=True), MatchParams(10, 100)),
         (FeatureParams(20, spacing_px=5, edge_reach_px=2), MatchParams(0, 300, one_to_one=False, max_error=0.01)),
         (FeatureParams(1), MatchParams(0, 300)),
-        (FeatureParams(follow_reach_px=3), MatchParams(10, 100)),
     ],
 )
 @pytest.mark.parametrize("kind", KINDS)

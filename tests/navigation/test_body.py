@@ -26,7 +26,7 @@ from ndtorch.navigation import (
 )
 from ndtorch.navigation.body import SPOT_RADIUS
 from ndtorch.navigation.controllers import controller_names
-from ndtorch.navigation.controllers.ranging import RangingControl
+from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch_robot.ports import DriveCommand
@@ -91,7 +91,7 @@ def test_speed_is_what_stops_in_the_length_in_which_the_usual_body_does() -> Non
 
 def test_a_differential_drive_turns_on_the_spot_where_others_back() -> None:
     """A wall ahead, floor all around: the car that knows its floor backs, and the one that can turns."""
-    pose, wall = Pose(0.03, 0.03, 0.0), np.linspace(-0.8, 0.8, 40, dtype=np.float32)
+    pose, wall = Pose(0.0, 0.0, 0.0), np.linspace(-0.8, 0.8, 40, dtype=np.float32)
     speeds = []
     for radius in (0.45, 0.0):
         control = RangingControl(RIG, 1 / 30, RangingParams(body=Body(min_turn_radius_m=radius)))
@@ -145,7 +145,7 @@ STANDARD = StereoRig()
 
 @pytest.mark.parametrize("controller", controller_names())
 def test_the_navigator_has_what_was_chosen(controller: str) -> None:
-    options = NavigatorOptions(controller, features=3, angle="linear", feature_position="motion", prediction=True)
+    options = NavigatorOptions(controller, features=3, angle="linear", feature_position="motion")
     navigator = options.navigator(STANDARD, 20.0, Grid(-1, 1, -1, 1))
     assert isinstance(navigator, Navigator)
     assert navigator.grid_map is not None

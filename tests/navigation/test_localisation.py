@@ -10,7 +10,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import NavigatorOptions, Pose, StereoRig, save_map
-from ndtorch.navigation.localisation import Localiser, LocaliserParams
+from ndtorch.navigation.localisation.localiser import Localiser, LocaliserParams
 from ndtorch.navigation.localisation.ndt import Scan, add_scan, empty_map, from_sparse, match_scan, to_sparse
 from ndtorch.navigation.localisation.odometry import (
     Motion,
@@ -22,7 +22,7 @@ from ndtorch.navigation.localisation.odometry import (
     visual_motion,
     with_keyframe,
 )
-from ndtorch.navigation.mapping import Grid
+from ndtorch.navigation.mapping.grid_map import Grid
 from ndtorch.navigation.odometry import arc
 from tests.navigation.planar_world import PlanarWorld
 

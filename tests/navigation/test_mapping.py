@@ -14,8 +14,8 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import AlphaBetaTracker, DeadReckoning, Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import certainty
 from ndtorch.navigation.mapping.feature_tracks import FeatureTrackParams
+from ndtorch.navigation.mapping.grid_map import SIDE, GridMapState
 from ndtorch.navigation.mapping.map_files import FREE, OCCUPIED, UNKNOWN, load_map, save_map
-from ndtorch.navigation.mapping.tiles import add_at, empty_tiles
 from tests.navigation.planar_world import to_body
 
 RIG = StereoRig()
@@ -93,7 +93,7 @@ def test_an_old_state_stays_as_it_was(certainty):
     assert torch.equal(one, other)
     assert not torch.equal(after.cells, before)
     # Tiles that were not touched are shared.
-    tiles = [pair for rows in zip(kept.tiles.rows, after.tiles.rows, strict=True) for pair in zip(*rows, strict=True)]
+    tiles = [pair for rows in zip(kept.tiles, after.tiles, strict=True) for pair in zip(*rows, strict=True)]
     assert any(a is b for a, b in tiles)
     assert all(a is b or a.untyped_storage().data_ptr() != b.untyped_storage().data_ptr() for a, b in tiles)
 
@@ -139,12 +139,13 @@ def test_tiles_hold_what_was_added_where() -> None:
     """Against a plain tensor, for several maps at once."""
     generator = torch.Generator().manual_seed(2)
     rows, columns = 150, 200
-    tiles, plain = empty_tiles((2, 3), rows, columns, torch.zeros(1)), torch.zeros(2, 3, rows, columns)
+    blank, plain = torch.zeros(2, 3, SIDE, SIDE), torch.zeros(2, 3, rows, columns)
+    tiles = GridMapState(((blank,) * 4,) * 3)
     for _ in range(5):
         row = torch.randint(0, rows, (2, 3, 40), generator=generator)
         column = torch.randint(0, columns, (2, 3, 40), generator=generator)
         weight = torch.randn(2, 3, 40, generator=generator)
-        tiles = add_at(tiles, row, column, weight, limit=1.0)
+        tiles = tiles.add(row, column, weight, limit=1.0)
         plain.flatten(-2).scatter_add_(-1, row * columns + column, weight)
         plain.clamp_(-1.0, 1.0)
     torch.testing.assert_close(tiles.cells[..., :rows, :columns], plain)

@@ -71,9 +71,7 @@ def test_subfield_motion_against_its_definition():
     assert sides.max() < 20 * 0.1305  # the raw output cannot exceed 0.13
 
 
-@pytest.mark.parametrize(
-    "features", [None, FeatureParams(7, edge_reach_px=4, shared=True), FeatureParams(follow_reach_px=3)]
-)
+@pytest.mark.parametrize("features", [None, FeatureParams(7, edge_reach_px=4, shared=True)])
 def test_chunked_is_whole_is_frame_by_frame(features):
     left, right = frames(4, steps=24)
     quick = AvoidanceParams(turn_threshold=0.01, start_suppression_s=0.1, turn_s=0.2, suppression_s=0.1)

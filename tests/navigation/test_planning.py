@@ -9,16 +9,19 @@ import numpy as np
 import pytest
 
 from ndtorch.navigation import Body
-from ndtorch.navigation.planning.path_tracking import MIN_SPEED, pure_pursuit, tracking_speed
+from ndtorch.navigation.planning._kernels import HORIZON_M
 from ndtorch.navigation.planning.planner import (
     MAX_REVERSE_SPEED,
+    MIN_SPEED,
     LocalMap,
     PlannerParams,
     clearance,
     goal_costs,
     hidden,
     plan,
+    pure_pursuit,
     speed_profile,
+    tracking_speed,
     unvisited_costs,
 )
 
@@ -69,7 +72,7 @@ def test_in_the_open_the_path_is_straight():
     made = planned(world(), (2.0, 0.0))
     assert made.cost == pytest.approx(4.0, abs=0.15)
     assert abs(made.path[:, 1]).max() < 0.02
-    assert made.path[-1, 0] >= -2.0 + PARAMS.horizon_m - 0.01
+    assert made.path[-1, 0] >= -2.0 + HORIZON_M - 0.01
     assert made.path[:, 5] == pytest.approx(PARAMS.speed_m_per_s)
     beyond = planned(world(), (6.0, 0.0))
     assert beyond.path[-1, 0] == pytest.approx(made.path[-1, 0])

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from ndtorch.navigation import Command, Navigator, StereoRig
-from ndtorch.navigation.proximity import Obstacles, ProximityCheck, ProximityParams, floor_correlation
+from ndtorch.navigation.proximity import HALF_WIDTH_M, Obstacles, ProximityCheck
+from ndtorch.navigation.stereo.strips import as_frames
 
 RIG = StereoRig(forward=0.15)
 DT = 1 / 30
@@ -43,8 +44,8 @@ def pair(wall, floor=0.15, paint=0.15, turned_down=0.0):
 
 
 def looked(left, right):
-    obstacles = CHECK.obstacles((left[0], right[0]))
-    return obstacles, floor_correlation(*fields((left, right)), RECTS, RIG)
+    obstacles = CHECK.obstacles(as_frames(left[0], right[0]))
+    return obstacles, CHECK.floor_correlation(fields((left, right)))
 
 
 @pytest.mark.parametrize("wall", [0.35, 0.5, 0.8])
@@ -52,7 +53,7 @@ def test_a_wall_is_near_and_no_floor(wall):
     things, likeness = looked(*pair(wall))
     assert len(things.x) > 5
     assert np.abs(things.x - RIG.forward - wall).max() < 0.06 * wall
-    assert np.abs(things.y).max() <= ProximityParams().half_width_m
+    assert np.abs(things.y).max() <= HALF_WIDTH_M
     assert likeness < 0.7
 
 
@@ -88,10 +89,8 @@ def test_a_car_begins_only_where_floor_is_seen(wall, begins):
 
 
 def fields(frames):
-    return [
-        eye[0, 0, r.top : r.bottom, r.left : r.right].numpy() / np.float32(255)
-        for eye, r in zip(frames, RECTS, strict=True)
-    ]
+    eyes = zip(frames, RECTS, strict=True)
+    return np.stack([eye[0, 0, r.top : r.bottom, r.left : r.right].numpy() / np.float32(255) for eye, r in eyes])
 
 
 OPEN, SHUT = fields(pair(3.0)), fields(pair(0.9))

@@ -72,11 +72,10 @@ def test_gradients():
     place = torch.tensor([1.5, 0.301], dtype=torch.float64, requires_grad=True)
     ranges = one_range(1.5, 0.3, rig)
     assert gradcheck(lambda p: certainty(p[0], p[1], ranges, rig), (place,))
-    table = beam_table(rig, 2.2, 0.1)
-    table = type(table)(*(part.double() for part in table))
+    table = [part.double() for part in beam_table(rig, 2.2, 0.1)]
 
     def weights(angle):
-        return sample_certainty(ranges._replace(left_angle=angle), rig, table)
+        return sample_certainty(ranges._replace(left_angle=angle), rig, *table)
 
     assert gradcheck(weights, (ranges.left_angle.clone().requires_grad_(),))
 

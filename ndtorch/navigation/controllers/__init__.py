@@ -9,7 +9,6 @@ from ndtorch.navigation.controllers.contract import (
     TURN,
     Command,
     Controller,
-    Task,
     Trace,
 )
 from ndtorch.navigation.controllers.registry import (
@@ -30,7 +29,6 @@ __all__ = [
     "TURN",
     "Command",
     "Controller",
-    "Task",
     "Trace",
     "controller_class",
     "controller_names",

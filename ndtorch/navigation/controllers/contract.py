@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -17,16 +18,6 @@ from ndtorch.navigation.stereo.rig import Rect, StereoRig
 CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED = 0, 1, 2, 3, 4, 5
 """What a controller can be doing, the numbers of `Controller.mode`."""
 
-Backend = Literal["numba", "torch"]
-"""What computes a controller: compiled steps of one car after the other, or batched differentiable tensors."""
-
-
-class SensingRequest(NamedTuple):
-    """What one car wants beside its own ranges: a search for what is `ahead`, and for what is too `near` to range."""
-
-    ahead: bool = False
-    near: bool = False
-
 
 class Command(NamedTuple):
     """What the car is to do: `speed` in m/s and `curvature` in 1/m, positive to the left; tensors or numbers."""
@@ -36,28 +27,11 @@ class Command(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task:
-    """What a controller is asked to do.
-
-    Args:
-        goal: Place to drive to, x and y in m; None for none.
-        explore: The car then drives wherever it was not yet.
-        return_home: The car then drives back to where it began.
-        speed: Speed where there is room, m/s.
-    """
-
-    goal: tuple[float, float] | None = None
-    explore: bool = False
-    return_home: bool = False
-    speed: float = 0.5
-
-
-@dataclass(frozen=True)
 class Trace:
     """What a figure or a viewer draws of a controller, beside the speeds on both sides and its modes.
 
     Args:
-        difference: what `Controller.difference` is, in words; positive where the car should rather turn left.
+        difference: what the `difference` of the state is, in words; positive where the car should rather turn left.
         unit: of it; empty where it has none.
         turn: the car turns where the size of the difference exceeds this; 0 where only its sign counts.
         stop: the car stops where the speeds on both sides are below this; None where it never does so.
@@ -83,38 +57,38 @@ class Controller(nn.Module, ABC):
         name, Params, modes = "straight", StraightParams, (CRUISE,)
     ```
 
-    The module holds what is fixed, and its state, a NamedTuple, is passed in and out. With the backend `"torch"` all
-    is tensors: what is seen, ranges `[..., n]`, poses and commands `[...]` of one frame. With `"numba"` it is arrays
+    The module holds what is fixed, and its state, a NamedTuple, is passed in and out. Of that, `difference` is drawn:
+    what the controller weighs, positive where the car should rather turn left. With the backend `"torch"` all is
+    tensors: what is seen, ranges `[..., n]`, poses and commands `[...]` of one frame. With `"numba"` it is arrays
     and numbers of one car, ranges `[n]`. Lengths are in units of the `Body`, metres for the car of [A].
 
     Attributes:
         name: by which it is chosen.
-        backend: what computes it. Two classes of one name may have one each.
+        backend: `"numba"`, compiled steps of one car after the other, or `"torch"`, batched differentiable tensors. Two
+            classes of one name may have one each.
         Params: dataclass of its numbers, all with defaults.
         modes: which of `CRUISE`, `TURN`, ... it can be in.
         has_goals: whether it accepts goals.
-        checks_near: whether it requests proximity checks while it is stationary.
+        checks_near: whether it wants to know what is near while it is stationary; its state then has a `mode`.
         params: its numbers.
-        look: with `"torch"`, module from frames `[..., T, C, H, W]` of both cameras, whole or cut to `look.fields`,
-            to what the controller steers by.
+        fields: the rectangles that it looks at, of the left and the right image.
+        trace: what to draw of it.
 
     Args:
         rig: the camera pair.
         dt: time step, s.
         params: its numbers; the defaults where none are given.
-
-    Raises:
-        InputError: parameters of another controller.
     """
 
     name: ClassVar[str]
     Params: ClassVar[type[Any]]
     modes: ClassVar[tuple[int, ...]]
-    backend: ClassVar[Backend] = "torch"
+    backend: ClassVar[Literal["numba", "torch"]] = "torch"
     has_goals: ClassVar[bool] = False
     checks_near: ClassVar[bool] = False
     params: Any
-    look: nn.Module
+    fields: tuple[Rect, Rect]
+    trace: Trace
 
     def __init__(self, rig: StereoRig, dt: float, params: Any = None) -> None:
         super().__init__()
@@ -125,40 +99,31 @@ class Controller(nn.Module, ABC):
             )
 
     @classmethod
-    def params_for(cls, task: Task) -> Any:
-        """The numbers with which the controller does what it is asked to.
+    def params_for(
+        cls,
+        speed: float = 0.5,
+        goal: tuple[float, float] | None = None,
+        explore: bool = False,
+        return_home: bool = False,
+    ) -> Any:
+        """The numbers with which the controller does what it is asked to, as `NavigatorOptions` has it.
 
         Raises:
             InputError: a goal, which only other controllers have.
         """
-        if not cls.has_goals and (task.goal is not None or task.explore or task.return_home):
+        if goal is not None or explore or return_home:
             raise InputError(f"the {cls.name} controller has no goals: use the controller goal")
-        return replace(cls.Params(), speed_m_per_s=task.speed)
+        return replace(cls.Params(), speed_m_per_s=speed)
 
-    @property
-    def fields(self) -> tuple[Rect, Rect]:
-        """The rectangles that it looks at, of the left and the right image."""
-        fields: tuple[Rect, Rect] = self.look.fields  # type: ignore[assignment]
-        return fields
-
-    @property
     @abstractmethod
-    def trace(self) -> Trace:
-        """What to draw of it."""
-
-    def see(self, frames: Any, state: Any = None) -> tuple[Any, Any]:
-        """What there is to steer by in one frame, and the state of the filters.
+    def see(self, frames: Any, state: Any = None) -> tuple[Any, Any, Any]:
+        """What there is to steer by in one frame, image speeds on both sides to be drawn, `[..., 2]`, and the state of
+        the filters.
 
         Args:
             frames: of both cameras, `(left, right)` of `[..., 1, C, H, W]`; `Frames` with `"numba"`.
             state: of the filters before; None begins with this frame.
         """
-        seen, state = self.look(*frames, state)
-        return seen.select(frames[0].ndim - 4, 0), state
-
-    @abstractmethod
-    def sides(self, seen: Any) -> Any:
-        """Image speed on the left and the right, `[..., 2]`, of what was seen; to be drawn."""
 
     @abstractmethod
     def start(self, seen: Any, pose: Pose) -> Any:
@@ -175,25 +140,22 @@ class Controller(nn.Module, ABC):
             state: of the controller before.
         """
 
-    @abstractmethod
     def mode(self, state: Any) -> Any:
         """What the car is doing: one of `modes`."""
-
-    @abstractmethod
-    def difference(self, state: Any) -> Any:
-        """What it weighs: positive where the car should rather turn left. `trace` says what it is."""
+        return state.mode
 
     def on_near_obstacles(self, state: Any, pose: Pose, scan: ProximityScan) -> Any:
         """The state of one standing car at a pose after a proximity check."""
         return state
 
-    def sensing_requests(self, state: Any) -> SensingRequest:
-        """What one car wants to know while it drives; nothing by default."""
-        return SensingRequest()
+    def look_again(
+        self, state: Any, pose: Pose, search: Callable[[], Ranges | None], near: Callable[[], Obstacles]
+    ) -> Any:
+        """The state of one car after its command, when there is time to look for more.
 
-    def on_extra_ranges(self, state: Any, pose: Pose, ranges: Ranges | None, obstacles: Obstacles | None) -> Any:
-        """The state of one car after what it has requested: ranges of a search, near obstacles; None where it did not
-        ask.
+        Args:
+            search: ranges by a search of the rows; None where these are what every step gets.
+            near: what is too near to be ranged.
         """
         return state
 

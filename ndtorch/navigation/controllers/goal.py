@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ndtorch.navigation import local_grid
 from ndtorch.navigation.body import braking_speed
 from ndtorch.navigation.controllers.contract import (
     ARRIVED,
@@ -17,31 +18,25 @@ from ndtorch.navigation.controllers.contract import (
     SUPPRESSED,
     TURN,
     Command,
-    Controller,
-    Task,
-    Trace,
 )
-from ndtorch.navigation.controllers.ranging._kernels import RangingState, decide, limit, remember
-from ndtorch.navigation.controllers.ranging.control import BLOCKED, RangingControl, check_sizes, ranging_tables
+from ndtorch.navigation.controllers.ranging._kernels import (
+    BLOCKED,
+    FloorState,
+    RangingState,
+    decide,
+    limit,
+    remember,
+)
+from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.local_grid._kernels import Array, LocalGrid, move_grid
-from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid, unrolled
+from ndtorch.navigation.local_grid import Array, LocalGrid, LocalGridParams, Place
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.planning.path_tracking import pure_pursuit, tracking_speed
-from ndtorch.navigation.planning.planner import (
-    COARSE,
-    LocalMap,
-    Place,
-    PlannerParams,
-    goal_costs,
-    plan,
-    unvisited_costs,
-)
+from ndtorch.navigation.planning import planner
+from ndtorch.navigation.planning.planner import LocalMap, PlannerParams
 from ndtorch.navigation.proximity import ProximityScan
-from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.ranging import Ranges
-from ndtorch.navigation.stereo.rig import Rect, StereoRig
+from ndtorch.navigation.stereo.rig import StereoRig
 
 GOAL, EXPLORE, HOME, DONE = 0, 1, 2, 3
 """Tasks."""
@@ -51,9 +46,6 @@ MAX_POINTS = 40
 
 PLAN_INTERVAL_S = 0.2
 """A path is planned so often."""
-
-SEEN_THROUGH = 0.15
-"""A range takes this much evidence from each cell on its line of sight."""
 
 FREE_RATIO = 0.1
 """Cells with less evidence than minus this ratio of a blocked cell's are free."""
@@ -109,23 +101,6 @@ class GoalParams(PlannerParams):
     memory_s: float = 300.0
     map_cells: int = 512
 
-    @property
-    def grid(self) -> LocalGridParams:
-        """The local grid."""
-        return LocalGridParams(CELL_M, self.map_cells, self.memory_s)
-
-    @property
-    def reactive(self) -> RangingParams:
-        """The reactive controller under the planner: a large memory that lasts, and less room."""
-        return RangingParams(
-            min(RangingParams.speed_m_per_s, self.speed_m_per_s),
-            safety_margin_m=0.03,
-            min_free_m=0.15,
-            overhangs=False,
-            body=self.body,
-            grid=self.grid,
-        )
-
 
 class GoalState(NamedTuple):
     """State of `GoalControl`.
@@ -167,9 +142,19 @@ class GoalState(NamedTuple):
     turn_to: float = math.inf
     mode: int = SUPPRESSED
 
+    @property
+    def floor(self) -> FloorState:
+        """What was learned of the floor."""
+        return self.reactive.floor
+
+    @property
+    def difference(self) -> float:
+        """Length of the free arcs on the left minus the right, m."""
+        return self.reactive.difference
+
 
 @register
-class GoalControl(Controller):
+class GoalControl(RangingControl):
     """Drives to a goal, explores, and returns home, by paths planned in its local grid.
 
     A few times a second a path is planned, ahead and backward, with arcs that the car can drive and its footprint
@@ -184,52 +169,48 @@ class GoalControl(Controller):
     """
 
     name, Params, modes = "goal", GoalParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED)
-    has_goals = True
-    backend, checks_near = "numba", True
+    has_goals, seen_through = True, 0.15
 
     def __init__(self, rig: StereoRig, dt: float, params: GoalParams | None = None) -> None:
         super().__init__(rig, dt, params)
         p: GoalParams = self.params
-        self.dt, self.grid, self.reactive = dt, p.grid, RangingControl(rig, dt, p.reactive)
-        tables = ranging_tables(rig, p.reactive, self.reactive.view, dt, SEEN_THROUGH)
-        self.tables = self.reactive.tables = tables._replace(grid=tables.grid._replace(beam_left=0.0))
-        self.explores = p.explore or not (p.goal or p.return_home)
-        line = np.arange(-VISITED_M, VISITED_M, CELL_M)
+        self.dt, self.grid, self.explores = dt, self.reactive.grid, p.explore or not (p.goal or p.return_home)
+        line = np.arange(-VISITED_M, VISITED_M, CELL_M, dtype=np.float32)
         ahead, left = (part.ravel() for part in np.meshgrid(line, line))
         inside = np.hypot(ahead, left) <= VISITED_M
         self.disc = ahead[inside], left[inside]
 
+    def reactive_params(self) -> RangingParams:
+        """As `RangingControl.reactive_params`: a large memory that lasts, and less room."""
+        p: GoalParams = self.params
+        return RangingParams(
+            min(RangingParams.speed_m_per_s, p.speed_m_per_s),
+            safety_margin_m=0.03,
+            min_free_m=0.15,
+            overhangs=False,
+            body=p.body,
+            grid=LocalGridParams(CELL_M, p.map_cells, p.memory_s),
+        )
+
     @classmethod
-    def params_for(cls, task: Task) -> GoalParams:
+    def params_for(
+        cls,
+        speed: float = 0.5,
+        goal: tuple[float, float] | None = None,
+        explore: bool = False,
+        return_home: bool = False,
+    ) -> GoalParams:
         """As `Controller.params_for`."""
         names = "speed_m_per_s", "tight_speed_m_per_s", "unknown_speed_m_per_s"
-        speeds = {name: min(task.speed, getattr(cls.Params, name)) for name in names} | {names[0]: task.speed}
-        return GoalParams(**speeds, goal=task.goal, explore=task.explore, return_home=task.return_home)
-
-    @property
-    def trace(self) -> Trace:
-        """How the free ways to both sides compare."""
-        return self.reactive.trace
-
-    @property
-    def fields(self) -> tuple[Rect, Rect]:
-        """As of `RangingControl`."""
-        return self.reactive.fields
-
-    def see(self, frames: Frames, state: Any = None) -> tuple[Any, Any]:
-        """As `RangingControl.see`."""
-        return self.reactive.see(frames, state)
-
-    def sides(self, seen: Any) -> Any:
-        """As `RangingControl.sides`."""
-        return self.reactive.sides(seen)
+        speeds = {name: min(speed, getattr(GoalParams, name)) for name in names} | {names[0]: speed}
+        return GoalParams(**speeds, goal=goal, explore=explore, return_home=return_home)
 
     def start(self, seen: Any, pose: Pose) -> GoalState:
         """The state of a car that stands at a pose, its home, and knows nothing."""
         p, none = self.params, np.zeros((0, 0), np.float32)
         state = GoalState(
-            reactive=self.reactive.start(seen, pose),
-            visited=empty_grid(pose.x, pose.y, self.grid) if self.explores else LocalGrid(none, none, none),
+            reactive=super().start(seen, pose),
+            visited=local_grid.empty_grid(pose.x, pose.y, self.grid) if self.explores else LocalGrid(none, none, none),
             task=GOAL,
             goal=(math.nan, math.nan) if p.goal is None else (float(p.goal[0]), float(p.goal[1])),
             home=(pose.x, pose.y),
@@ -244,12 +225,16 @@ class GoalControl(Controller):
         self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: GoalState
     ) -> tuple[Command, GoalState]:
         """Remember what is seen, plan where it is time to, follow the path, and listen to the reactive controller."""
-        check_sizes(state.reactive, self.reactive.sizes)
+        self.check_sizes(state.reactive)
         t, here, moved, noise = self.tables, tuple(pose), tuple(driven), state.reactive.floor.noise
         lengths, reactive = remember(seen, (ranges.x, ranges.y, ranges.valid), here, moved, state.reactive, t)
         speed, curvature, reactive = decide(lengths, here, moved, reactive, t)
-        state = state._replace(reactive=reactive, visited=self.visit(state, here))
-        learning = reactive.floor.age < t.floor.learning
+        state = state._replace(reactive=reactive)
+        if self.explores:
+            visited = local_grid.move_grid(state.visited, here, CELL_M, 1.0)
+            visited.evidence.reshape(-1)[local_grid.cell_index(*self.disc, here, CELL_M, self.grid.size_cells)] = 1.0
+            state = state._replace(visited=visited)
+        learning = reactive.floor.age < t.numbers[0]["learning"]
         reacts = learning or state.reactive_steps > 0
         command = Command(speed, curvature)
         if not learning:
@@ -258,17 +243,9 @@ class GoalControl(Controller):
         if reactive.mode == STOPPED and state.reactive.mode != STOPPED and state.mode != ARRIVED:
             state = state._replace(mode=STOPPED)
         command = Command(speed, curvature)
-        if self.reactive.spin is not None and reacts:
-            command, reactive = self.reactive.spun(command, reactive, pose)
+        if self.spin is not None and reacts:
+            command, reactive = self.spun(command, reactive, pose)
         return command, state._replace(reactive=reactive)
-
-    def visit(self, state: GoalState, here: Place) -> LocalGrid:
-        """The visited cells with those around the car."""
-        if not self.explores:
-            return state.visited
-        visited = move_grid(state.visited, here, CELL_M, 1.0)
-        visited.evidence.reshape(-1)[cells_at(here, *self.disc, self.grid)] = 1.0
-        return visited
 
     def drive(self, lengths: Array, pose: Pose, reaction: Command, state: GoalState) -> tuple[Command, GoalState]:
         """The command that the plan wants.
@@ -306,7 +283,7 @@ class GoalControl(Controller):
         """Track the path; the car stands where there is none or the reactive controller sees no room on it."""
         p, path = self.params, state.path[: state.points]
         most = CURVATURE_RATIO * p.max_curvature_per_m
-        aim = pure_pursuit(path, state.at, here, p.lookahead_m, most)
+        aim = planner.pure_pursuit(path, state.at, here, p.lookahead_m, most)
         if aim.direction == 0:
             return Command(0.0, 0.0), state._replace(due=0, stuck=state.stuck + 1, mode=TURN)
         # Room on the two arcs of the reactive controller that are nearest to the one that is wanted
@@ -314,7 +291,7 @@ class GoalControl(Controller):
         off = np.where(arcs.forward == aim.direction, np.abs(arcs.curvature - aim.curvature), np.inf)
         safe = braking_speed(float(lengths[0, np.argsort(off)[:2]].max()), p.deceleration_m_per_s2, REACTION_S)
         blocked = safe < MIN_SAFE_SPEED
-        speed = 0.0 if blocked else min(safe, tracking_speed(path, aim.at, here, p.deceleration_m_per_s2))
+        speed = 0.0 if blocked else min(safe, planner.tracking_speed(path, aim.at, here, p.deceleration_m_per_s2))
         return Command(speed * aim.direction, aim.curvature), state._replace(
             at=aim.at,
             due=0 if blocked else state.due - 1,
@@ -326,23 +303,23 @@ class GoalControl(Controller):
     def turn(self, pose: Pose, state: GoalState) -> tuple[Command, GoalState]:
         """Turn on the spot towards the path; where there is no room the car stands."""
         side = math.remainder(state.turn_to - pose.heading, math.tau)
-        command = self.reactive.turn_on_spot(state.reactive, pose, side)
+        command = self.turn_on_spot(state.reactive, pose, side)
         stuck = state.stuck + 1 if command is None else 0
         return command or Command(0.0, 0.0), state._replace(stuck=stuck, mode=TURN)
 
     def replan(self, state: GoalState, here: Place) -> GoalState:
         """The state with a new path."""
         p, goal, evidence = self.params, self.task_goal(state), state.reactive.grid.evidence
-        cells, left, bottom = unrolled(evidence, here[0], here[1], self.grid)
+        cells, left, bottom = local_grid.unrolled(evidence, here[0], here[1], self.grid)
         around = LocalMap(cells >= BLOCKED, cells < -FREE_RATIO * BLOCKED, left, bottom, CELL_M)
         if goal is None:
-            visited, _, _ = unrolled(state.visited.evidence, here[0], here[1], self.grid)
-            goals = unvisited_costs(p, around, visited > 0)
+            visited, _, _ = local_grid.unrolled(state.visited.evidence, here[0], here[1], self.grid)
+            goals = planner.unvisited_costs(p, around, visited > 0)
         else:
-            goals = goal_costs(around, goal)
+            goals = planner.goal_costs(around, goal)
         at = min(state.at + 1, max(0, state.points - 1))
         curvature = float(state.path[at, 3]) if state.points else 0.0
-        made = plan(p, around, goals, here, curvature, state.direction, exploring=goal is None)
+        made = planner.plan(p, around, goals, here, curvature, state.direction, exploring=goal is None)
         points, turn_to = min(len(made.path), MAX_POINTS), math.inf
         path = np.zeros((MAX_POINTS, 6), np.float32)
         path[:points] = made.path[:points]
@@ -378,29 +355,14 @@ class GoalControl(Controller):
         return state._replace(points=0, due=0, stuck=0, idle=0, turn_to=math.inf)
 
     def on_near_obstacles(self, state: GoalState, pose: Pose, scan: ProximityScan) -> GoalState:
-        """As `RangingControl.on_near_obstacles`."""
-        return state._replace(reactive=self.reactive.on_near_obstacles(state.reactive, pose, scan))
-
-    def can_resume(self, state: GoalState) -> bool:
-        """As `RangingControl.can_resume`."""
-        return self.reactive.can_resume(state.reactive)
-
-    def status_message(self, state: GoalState) -> str | None:
-        """As `RangingControl.status_message`."""
-        return self.reactive.status_message(state.reactive)
+        """As `Controller.on_near_obstacles`."""
+        return state._replace(reactive=super().on_near_obstacles(state.reactive, pose, scan))
 
     def warm_up(self) -> None:
         """Plan once, so that the searches are compiled."""
+        super().warm_up()
         state = self.start(None, Pose(0.0, 0.0, 0.0))._replace(task=GOAL, goal=(1.0, 0.0))
         self.replan(state, (0.0, 0.0, 0.0))
-
-    def mode(self, state: GoalState) -> int:
-        """What the car is doing; `TURN` is a search for a path, `ARRIVED` nothing left to do."""
-        return state.mode
-
-    def difference(self, state: GoalState) -> float:
-        """Length of the free arcs on the left minus the right, m."""
-        return state.reactive.difference
 
 
 def next_task(state: GoalState) -> GoalState:
@@ -419,8 +381,8 @@ def to_frame(frame: Place, x: float, y: float) -> tuple[float, float]:
 
 def path_heading(to_go: Array, around: LocalMap, here: Place) -> float:
     """Heading from here to the point `SPIN_LOOK_M` down the costs of `dijkstra`, radians; NaN where they end here."""
-    start = row, column = tuple(int(n) for n in around.cells_of(here[0], here[1], COARSE))
-    for _ in range(round(SPIN_LOOK_M / (around.cell * COARSE))):
+    start = row, column = tuple(int(n) for n in around.cells_of(here[0], here[1], planner.COARSE))
+    for _ in range(round(SPIN_LOOK_M / (around.cell * planner.COARSE))):
         top, left = max(row - 1, 0), max(column - 1, 0)
         beside = to_go[top : row + 2, left : column + 2]
         down, aside = divmod(int(beside.argmin()), beside.shape[1])

@@ -78,28 +78,17 @@ class AvoidanceState(NamedTuple):
     curvature: Any
 
 
-class AvoidanceSteps(NamedTuple):
-    """`AvoidanceParams` for one time step. Times are whole steps, so that no rounding of sums decides when one ends.
+def time_steps(p: AvoidanceParams, dt: float) -> tuple[float, float, float, float]:
+    """`AvoidanceParams` for one time step: ratio of the low-pass, steps of a turn and of the time from its start until
+    the car watches again, and the age of a car that begins.
 
-    Attributes:
-        share: of the low-pass of a step.
-        turn, watching: steps of a turn, and from its start until the car watches again.
-        age: of a car that begins.
+    Times are whole steps, so that no rounding of sums decides when one ends.
     """
-
-    share: float
-    turn: float
-    watching: float
-    age: float
-
-    @classmethod
-    def of(cls, p: AvoidanceParams, dt: float) -> AvoidanceSteps:
-        turn = max(1, round(p.turn_s / dt))
-        suppressed = max(0, round((p.suppression_s - (p.turn_s if p.suppress_from_start else 0.0)) / dt))
-        watching = turn + suppressed
-        # The first step adds one. Where the age is less than a turn's time nothing turns: the curvature is zero.
-        begun = watching - 1 - round(p.start_suppression_s / dt)
-        return cls(smoothing_factor(p.smoothing_s, dt), float(turn), float(watching), float(begun))
+    turn = max(1, round(p.turn_s / dt))
+    watching = turn + max(0, round((p.suppression_s - (p.turn_s if p.suppress_from_start else 0.0)) / dt))
+    # The first step adds one. Where the age is less than a turn's time nothing turns: the curvature is zero.
+    begun = watching - 1 - round(p.start_suppression_s / dt)
+    return smoothing_factor(p.smoothing_s, dt), float(turn), float(watching), float(begun)
 
 
 class SubfieldMotion(nn.Module):
@@ -163,7 +152,7 @@ class SaccadeAvoidance(nn.Module):
     def __init__(self, dt: float, params: AvoidanceParams | None = None) -> None:
         super().__init__()
         self.params, self.dt = params or AvoidanceParams(), dt
-        self.steps = AvoidanceSteps.of(self.params, dt)
+        self.share, self.turn, self.watching, self.age = time_steps(self.params, dt)
 
     def forward(self, sides: Tensor, state: AvoidanceState | None = None) -> tuple[Command, AvoidanceState]:
         dim = time_dim(sides, 1, "sides")
@@ -190,18 +179,17 @@ class SaccadeAvoidance(nn.Module):
             sides: speed estimates `[..., 2]` of the left and the right side, scaled.
             state: before.
         """
-        p, n = self.params, self.steps
-        left, right = sides.unbind(-1)
+        p, (left, right) = self.params, sides.unbind(-1)
         now = right - left
-        difference = low_pass_step(now, state.difference, n.share)
+        difference = low_pass_step(now, state.difference, self.share)
         age = state.age + 1.0
-        cruising = age >= n.watching
+        cruising = age >= self.watching
         high = torch.minimum(left, right) > p.high_threshold
         stop = cruising & (torch.maximum(left, right) < p.low_threshold)
         turn = cruising & ~stop & (high | (difference.abs() > p.turn_threshold))
         away = torch.where(torch.where(high, now, difference) < 0, -1.0, 1.0)
         away = away / torch.where(high, p.tight_radius_m, p.turn_radius_m)
-        curvature = torch.where(turn, away, torch.where(age < n.turn, state.curvature, 0.0))
+        curvature = torch.where(turn, away, torch.where(age < self.turn, state.curvature, 0.0))
         age = torch.where(turn, 0.0, torch.where(stop, -math.inf, age))
         speed = torch.where(age > -math.inf, p.speed_m_per_s, torch.zeros_like(curvature))
         return Command(speed, curvature), AvoidanceState(difference, age, curvature)
@@ -209,11 +197,11 @@ class SaccadeAvoidance(nn.Module):
     def start(self, sides: Tensor) -> AvoidanceState:
         """The state before the first sample `sides` `[..., 2]`."""
         difference = sides[..., 1] - sides[..., 0]
-        return AvoidanceState(difference, torch.full_like(difference, self.steps.age), torch.zeros_like(difference))
+        return AvoidanceState(difference, torch.full_like(difference, self.age), torch.zeros_like(difference))
 
     def mode(self, state: AvoidanceState) -> Tensor:
         """What the car is doing, `[...]` integers: `CRUISE`, `TURN`, `SUPPRESSED` or `STOPPED`."""
-        mode = torch.where(state.age < self.steps.watching, SUPPRESSED, CRUISE)
+        mode = torch.where(state.age < self.watching, SUPPRESSED, CRUISE)
         mode = torch.where(state.curvature != 0, TURN, mode)
         return torch.where(state.age == -math.inf, STOPPED, mode)
 
@@ -225,7 +213,7 @@ def avoidance(
     """`SaccadeAvoidance.step` of one car in plain numbers: command and state, plain tuples, which Numba takes at once.
 
     Args:
-        numbers: `AvoidanceParams` and `AvoidanceSteps`, packed.
+        numbers: `AvoidanceParams` and its `time_steps`, packed.
     """
     p, now, (before, age, curvature) = numbers[0], right - left, state
     difference, age = before + p.share * (now - before), age + 1.0
@@ -245,7 +233,7 @@ def avoidance(
 def subfield_maxima(frames: Frames, settle: bool, low: Array, numbers: Array, new_low: Array, cells: Array) -> float:
     """`SubfieldMotion` of one frame: the largest |ND-min| of each rectangle into `cells` `[2, 1, 1]`."""
     grey = np.empty(new_low.shape, np.float32)
-    finite = grey_fields(frames, np.intp(1), grey)
+    finite = grey_fields(frames, 1, grey)
     peak = cell_maxima(grey, settle, low, numbers[0].a, new_low, cells)
     cells *= np.float32(SPEED_SCALE)
     return peak if finite else np.nan
@@ -267,18 +255,8 @@ def saccade_step(
     return avoidance(left, right, (right - left, numbers[0].age, 0.0) if settle else state, numbers)
 
 
-@register
-class PublishedControl(Controller):
-    """The published controller: the largest motion beside the path on either side, and saccades away from it.
-
-    Ranges and poses do not matter to it. What is seen is `[..., 2]`, see `SubfieldMotion`. This one is differentiable
-    and steps any batch; `SaccadeController` is the same for one car, compiled.
-
-    Args:
-        rig, dt: as `Controller`.
-        params: of `SaccadeAvoidance`.
-        fields: the subfields; `rig.subfields()` by default.
-    """
+class PublishedBase(Controller):
+    """What both backends of the published controller share."""
 
     name, Params, modes = "published", AvoidanceParams, (CRUISE, TURN, SUPPRESSED, STOPPED)
 
@@ -290,17 +268,30 @@ class PublishedControl(Controller):
         fields: tuple[Rect, Rect] | None = None,
     ) -> None:
         super().__init__(rig, dt, params)
-        self.look, self.rule = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, self.params)
+        p: AvoidanceParams = self.params
+        self.look, self.rule = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, p)
+        self.fields = self.look.fields
+        self.trace = Trace("right - left, low-passed", turn=p.turn_threshold, stop=p.low_threshold)
 
-    @property
-    def trace(self) -> Trace:
-        """The difference of both speeds, and the thresholds of [A fig. 7]."""
-        p = self.params
-        return Trace("right - left, low-passed", turn=p.turn_threshold, stop=p.low_threshold)
 
-    def sides(self, seen: Tensor) -> Tensor:
-        """What is seen are the speeds."""
-        return seen
+@register
+class PublishedControl(PublishedBase):
+    """The published controller: the largest motion beside the path on either side, and saccades away from it.
+
+    Ranges and poses do not matter to it. What is seen is `[..., 2]`, see `SubfieldMotion`. This one is differentiable
+    and steps any batch; `SaccadeController` is the same for one car, compiled.
+
+    Args:
+        rig, dt: as `Controller`.
+        params: of `SaccadeAvoidance`.
+        fields: the subfields; `rig.subfields()` by default.
+    """
+
+    def see(self, frames: tuple[Tensor, Tensor], state: Any = None) -> tuple[Any, Any, Any]:
+        """Image speeds `[..., 2]`, twice, and the state of the filters."""
+        motion, state = self.look(*frames, state)
+        sides = motion.select(frames[0].ndim - 4, 0)
+        return sides, sides, state
 
     def start(self, seen: Tensor, pose: Pose) -> AvoidanceState:
         """Settled on the first sample, suppressed."""
@@ -316,10 +307,6 @@ class PublishedControl(Controller):
         """As `SaccadeAvoidance.mode`."""
         return self.rule.mode(state)
 
-    def difference(self, state: AvoidanceState) -> Any:
-        """Right minus left, low-passed."""
-        return state.difference
-
 
 class SaccadeState(NamedTuple):
     """State of `SaccadeController` called by itself.
@@ -334,7 +321,7 @@ class SaccadeState(NamedTuple):
 
 
 @register
-class SaccadeController(Controller):
+class SaccadeController(PublishedBase):
     """`PublishedControl` for one car, compiled: [A fig. 5].
 
     It can be called by itself, in loops that want nothing else, tens of thousands of steps a second.
@@ -350,7 +337,6 @@ class SaccadeController(Controller):
         InputError: frames of another size, type or number of colors.
     """
 
-    name, Params, modes = "published", AvoidanceParams, (CRUISE, TURN, SUPPRESSED, STOPPED)
     backend = "numba"
 
     def __init__(
@@ -360,18 +346,12 @@ class SaccadeController(Controller):
         params: AvoidanceParams | None = None,
         fields: tuple[Rect, Rect] | None = None,
     ) -> None:
-        super().__init__(rig, dt, params)
-        look = SubfieldMotion(rig, dt, fields)
-        self.rects, self.size, self.steps = look.fields, look.size, AvoidanceSteps.of(self.params, dt)
-        self.numbers = packed(self.params, a=float(look.nd_min.a), **self.steps._asdict())
-        rect, other = self.rects
+        super().__init__(rig, dt, params, fields)
+        rule, (rect, other) = self.rule, self.fields
+        derived = {"share": rule.share, "turn": rule.turn, "watching": rule.watching, "age": rule.age}
+        self.numbers, self.size = packed(self.params, a=float(self.look.nd_min.a), **derived), self.look.size
         self.shape = (2, rect.bottom - rect.top, rect.right - rect.left)
         self.corners = (rect.top, other.top), (rect.left, other.left)
-
-    @property
-    def fields(self) -> tuple[Rect, Rect]:
-        """As `Controller.fields`."""
-        return self.rects
 
     def forward(
         self, left: np.ndarray[Any, Any], right: np.ndarray[Any, Any], state: SaccadeState | None = None
@@ -387,26 +367,18 @@ class SaccadeController(Controller):
         command, after = saccade_step(frames, state is None, before, tuple(machine), self.numbers, low)
         return Command(*command), SaccadeState(low, AvoidanceState(*after))
 
-    @property
-    def trace(self) -> Trace:
-        """As of `PublishedControl`."""
-        return Trace("right - left, low-passed", turn=self.params.turn_threshold, stop=self.params.low_threshold)
-
-    def see(self, frames: Frames, state: Any = None) -> tuple[Any, Any]:
-        """Image speeds `[2]`, and the state of the filters."""
+    def see(self, frames: Frames, state: Any = None) -> tuple[Any, Any, Any]:
+        """Image speeds `[2]`, twice, and the state of the filters."""
         cells, low = np.empty((2, 1, 1), np.float32), np.empty(self.shape, np.float32)
-        before, frames = low if state is None else checked(state, low.shape), at_rects(frames, self.rects, self.size)
+        before, frames = low if state is None else checked(state, low.shape), at_rects(frames, self.fields, self.size)
         check_peak(subfield_maxima(frames, state is None, before, self.numbers, low, cells))
-        return cells.ravel(), low
-
-    def sides(self, seen: Any) -> Any:
-        """What is seen are the speeds."""
-        return seen
+        sides = cells.ravel()
+        return sides, sides, low
 
     def start(self, seen: Any, pose: Pose) -> AvoidanceState:
         """As `SaccadeAvoidance.start`."""
         left, right = seen.tolist()
-        return AvoidanceState(right - left, self.steps.age, 0.0)
+        return AvoidanceState(right - left, self.rule.age, 0.0)
 
     def step(
         self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: AvoidanceState
@@ -421,9 +393,4 @@ class SaccadeController(Controller):
             return STOPPED
         if state.curvature:
             return TURN
-        return SUPPRESSED if state.age < self.steps.watching else CRUISE
-
-    def difference(self, state: AvoidanceState) -> float:
-        """Right minus left, low-passed."""
-        difference: float = state.difference
-        return difference
+        return SUPPRESSED if state.age < self.rule.watching else CRUISE

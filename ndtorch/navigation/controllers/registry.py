@@ -13,11 +13,10 @@ from ndtorch.navigation.controllers.contract import Controller
 from ndtorch.navigation.stereo.rig import StereoRig
 
 DEFAULT_CONTROLLER = "ranging"
-BACKENDS = ("numba", "torch")
 
 AnyController = TypeVar("AnyController", bound=type[Controller])
 
-_kinds: dict[str, dict[str, type[Controller]]] = {}
+_kinds: dict[tuple[str, str], type[Controller]] = {}
 
 
 def register(kind: AnyController) -> AnyController:
@@ -26,7 +25,7 @@ def register(kind: AnyController) -> AnyController:
     Raises:
         InputError: another controller has both.
     """
-    known = _kinds.setdefault(kind.name, {}).setdefault(kind.backend, kind)
+    known = _kinds.setdefault((kind.name, kind.backend), kind)
     if known.__qualname__ != kind.__qualname__:
         raise InputError(f"there is a controller {kind.name!r} already, {known.__module__}.{known.__qualname__}")
     return kind
@@ -47,7 +46,7 @@ def controller_names() -> tuple[str, ...]:
     ('ranging', 'goal', 'published')
     """
     load_own()
-    return (DEFAULT_CONTROLLER, *sorted(name for name in _kinds if name != DEFAULT_CONTROLLER))
+    return (DEFAULT_CONTROLLER, *sorted({name for name, _ in _kinds} - {DEFAULT_CONTROLLER}))
 
 
 def controller_class(name: str, backend: str = "auto") -> type[Controller]:
@@ -62,11 +61,11 @@ def controller_class(name: str, backend: str = "auto") -> type[Controller]:
     names = controller_names()
     if name not in names:
         raise InputError(f"controller must be one of {', '.join(names)}, got {name!r}{did_you_mean(name, names)}")
-    kinds = _kinds[name]
-    chosen = next((one for one in BACKENDS if one in kinds and backend in ("auto", one)), None)
-    if chosen is None:
-        raise InputError(f"the {name} controller has the backend {' and '.join(kinds)}, got backend={backend!r}")
-    return kinds[chosen]
+    kinds = {kind: _kinds[name, kind] for kind in ("numba", "torch") if (name, kind) in _kinds}
+    for kind, chosen in kinds.items():
+        if backend in ("auto", kind):
+            return chosen
+    raise InputError(f"the {name} controller has the backend {' and '.join(kinds)}, got backend={backend!r}")
 
 
 def make_controller(

@@ -12,8 +12,7 @@ from torch import Tensor, from_numpy
 from ndtorch.arguments import check_number, check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.localisation import odometry as wheels
-from ndtorch.navigation.localisation._kernels import Cells, Floats
-from ndtorch.navigation.localisation.ndt import Scan, ScanMatch, add_scan, empty_map, match_scan
+from ndtorch.navigation.localisation.ndt import Cells, Floats, Scan, ScanMatch, add_scan, empty_map, match_scan
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.stereo.ranging import triangulate
 from ndtorch.navigation.stereo.rig import StereoRig
@@ -40,6 +39,12 @@ KNOWN_SIGMA_M, KNOWN_SIGMA_RAD = 0.1, 0.05
 SEARCH_SIGMAS = 3.0
 """A scan match begins with this many standard deviations of the predicted pose."""
 
+INFORMATION_SCALE, MIN_SCORE = 0.05, 0.1
+"""Factor of the information of a scan match, as its points are not independent; one with less score is rejected."""
+
+MIN_SIGMA_M, MIN_SIGMA_RAD = 0.01, 0.006
+"""Standard deviations of a scan match, at best."""
+
 SLIP_GATE = 16.0
 """Odometry counts as slipping beyond this squared Mahalanobis distance of a scan match."""
 
@@ -54,10 +59,6 @@ class LocaliserParams:
         max_range_m: Longer ranges are ignored.
         cell_m: Side of an NDT cell; [Biber & Straßer 2003] use 1 m for a laser.
         map_cells: Number of cells along each side of the square map, even.
-        information_scale: Factor of the information of a scan match, as its points are not independent.
-        min_sigma_m: Standard deviation of the position of a scan match, at best.
-        min_sigma_rad: Standard deviation of the heading of a scan match, at best.
-        min_score: Score below which scan matches are rejected (0..1).
 
     Raises:
         InputError: A number is not positive, or the ranges or the number of cells cannot be used.
@@ -68,10 +69,6 @@ class LocaliserParams:
     max_range_m: float = 6.5
     cell_m: float = 0.25
     map_cells: int = 256
-    information_scale: float = 0.05
-    min_sigma_m: float = 0.01
-    min_sigma_rad: float = 0.006
-    min_score: float = 0.1
 
     def __post_init__(self) -> None:
         check_numbers(self, positive=vars(self))
@@ -209,8 +206,8 @@ class Localiser:
             return state
         if not settles:
             place, angle = SEARCH_SIGMAS * np.sqrt(state.covariance.diagonal()[1:])
-            place = max(place, SEARCH_SIGMAS * math.sqrt(state.covariance[0, 0])) + p.min_sigma_m
-            match = match_scan(state.ndt_map, scan, state.pose, (place, angle + p.min_sigma_rad), p.cell_m)
+            place = max(place, SEARCH_SIGMAS * math.sqrt(state.covariance[0, 0])) + MIN_SIGMA_M
+            match = match_scan(state.ndt_map, scan, state.pose, (place, angle + MIN_SIGMA_RAD), p.cell_m)
             state = self.correct(state, match)
         return state._replace(ndt_map=add_scan(state.ndt_map, scan, state.pose, p.cell_m))
 
@@ -224,11 +221,11 @@ class Localiser:
 
     def correct(self, state: LocaliserState, match: ScanMatch) -> LocaliserState:
         """The pose after a scan match: one step of the Kalman filter."""
-        p, covariance = self.params, state.covariance
-        if match.score < p.min_score:
+        covariance = state.covariance
+        if match.score < MIN_SCORE:
             return state._replace(score=match.score)
-        noise = np.linalg.inv(match.information * p.information_scale + 1e-3 * np.eye(3))
-        noise = noise + np.diag(np.square((p.min_sigma_m, p.min_sigma_m, p.min_sigma_rad)))
+        noise = np.linalg.inv(match.information * INFORMATION_SCALE + 1e-3 * np.eye(3))
+        noise = noise + np.diag(np.square((MIN_SIGMA_M, MIN_SIGMA_M, MIN_SIGMA_RAD)))
         innovation = match.pose - state.pose
         distance = float(innovation @ np.linalg.solve(covariance + noise, innovation))
         covariance = covariance * max(1.0, distance / SLIP_GATE)

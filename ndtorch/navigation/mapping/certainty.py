@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -57,22 +56,11 @@ BEYOND_SIGHT = 100.0
 """Metres at which rays that do not meet are cut off."""
 
 
-class BeamTable(NamedTuple):
-    """Places inside a product of two beams, as tangents off the two axes, and what each place stands for.
-
-    Attributes:
-        tangent: `[2, S]`, of the angles off the left and the right axis.
-        weight: `[S]`, product of both Gaussians times the step of both tangents, over the baseline.
-    """
-
-    tangent: Tensor
-    weight: Tensor
-
-
 def beam_table(
     rig: StereoRig, farthest: float, spacing: float, sigmas: float = 3.0, spread_px: float = 1.0
-) -> BeamTable:
-    """A table of places for `sample_certainty`.
+) -> tuple[Tensor, Tensor]:
+    """A table of places for `sample_certainty`: tangents `[2, S]` of their angles off the left and the right axis, and
+    weights `[S]`, the product of both Gaussians times the step of both tangents, over the baseline.
 
     A product of beams is a few millimetres wide and decimetres long, so a grid of cells would miss it. Here
     the places are laid along and across it: `spacing` metres apart along, at the range `farthest` and less
@@ -91,21 +79,22 @@ def beam_table(
     s, c = (grid.flatten() for grid in torch.meshgrid(along, across, indexing="ij"))
     weight = torch.exp(-(s.square() + c.square()) / 2) * (step / 2 * sigma**2 / rig.baseline)
     tangent = torch.stack((c - s, c + s)) * (sigma / math.sqrt(2))
-    return BeamTable(tangent.to(torch.get_default_dtype()), weight.to(torch.get_default_dtype()))
+    return tangent.to(torch.get_default_dtype()), weight.to(torch.get_default_dtype())
 
 
 def sample_certainty(
-    ranges: Ranges, rig: StereoRig, table: BeamTable, reach: float = REACH
+    ranges: Ranges, rig: StereoRig, tangent: Tensor, weight: Tensor, reach: float = REACH
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Places within each feature's beams and the certainty gathered there.
 
-    Summing the weights of the places in an area gives the integral of `certainty` over that area.
+    Tangents and weights are of `beam_table`. Summing the weights of the places in an area gives the integral of
+    `certainty` over that area.
 
     Returns:
         x, y in the body frame, m, and weight, m^2, each `[..., n, S]`. Slots that are not valid weigh 0.
     """
     tan = torch.stack((ranges.left_angle, ranges.right_angle)).unsqueeze(-1).tan()
-    off = table.tangent.view(2, *[1] * ranges.x.ndim, -1)
+    off = tangent.view(2, *[1] * ranges.x.ndim, -1)
     slope = (tan + off) / (1 - tan * off)
     left, right = slope.unbind()
     # Rays that hardly meet do so beyond sight; the limit keeps the numbers finite where they do not at all.
@@ -115,5 +104,5 @@ def sample_certainty(
     falloff = torch.exp(stretch.sqrt().sum(0) * x * (-1 / reach))
     # Area that a step of both tangents covers where the rays meet: x^3 / b times the change of both slopes.
     area = x * x * x * stretch.prod(0)
-    weight = falloff * area * (table.weight * ranges.valid.unsqueeze(-1).to(x.dtype))
+    weight = falloff * area * (weight * ranges.valid.unsqueeze(-1).to(x.dtype))
     return x + rig.forward, left * x + rig.baseline / 2, weight

@@ -12,13 +12,16 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_numbers, check_state, check_tensor
 from ndtorch.errors import InputError
-from ndtorch.navigation.mapping.certainty import REACH, BeamTable, beam_table, sample_certainty
-from ndtorch.navigation.mapping.tiles import SIDE, Tiles, add_at, empty_tiles
+from ndtorch.navigation.mapping.certainty import REACH, beam_table, sample_certainty
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import StereoRig
 
 Certainty = Literal["beams", "log-odds"]
+
+BITS = 6
+SIDE = 1 << BITS
+"""Cells along the side of a tile: a step of a map touches a dozen tiles of 16 KB, where the grid has megabytes."""
 
 
 @dataclass(frozen=True)
@@ -104,19 +107,40 @@ class LogOdds:
 
 
 class GridMapState(NamedTuple):
-    """State of `GridMap`.
+    """State of `GridMap`: summed certainty, or log-odds, in tiles.
+
+    The first and last cell of the grid's rows and columns are a margin that collects what lies outside. Tiles are never
+    changed: an update replaces those it touches and shares the rest with the state before. Empty tiles are one and the
+    same tensor.
 
     Attributes:
-        tiles: summed certainty, or log-odds, in tiles; the first and last cell of the grid's rows and columns are a
-            margin that collects what lies outside. A step shares the tiles it does not touch with the state before.
+        tiles: row after row of tiles `[..., SIDE, SIDE]`.
     """
 
-    tiles: Tiles
+    tiles: tuple[tuple[Tensor, ...], ...]
 
     @property
     def cells(self) -> Tensor:
         """All cells `[..., R, C]`, put together anew; `Grid.inner` cuts out the grid's."""
-        return self.tiles.cells
+        return torch.cat([torch.cat(row, -1) for row in self.tiles], -2)
+
+    def add(self, row: Tensor, column: Tensor, weight: Tensor, limit: float | None = None) -> GridMapState:
+        """The state with weights `[..., k]` added to cells; changed tiles are then clamped to `limit` on both sides."""
+        across, batch, last = len(self.tiles[0]), row.shape[:-1], SIDE - 1
+        touched, slot = torch.unique((row >> BITS) * across + (column >> BITS), return_inverse=True)
+        numbers = touched.tolist()
+        if not numbers:
+            return self
+        sums = torch.stack([self.tiles[n // across][n % across] for n in numbers])  # the copy, [m, ..., SIDE, SIDE]
+        car = torch.arange(batch.numel(), device=row.device).view(*batch, 1)
+        cell = (slot * batch.numel() + car << 2 * BITS) + ((row & last) << BITS) + (column & last)
+        sums.view(-1).index_add_(0, cell.flatten(), weight.flatten())
+        if limit is not None:
+            sums.clamp_(-limit, limit)
+        rows = list(map(list, self.tiles))
+        for n, new in zip(numbers, sums.unbind(0), strict=True):
+            rows[n // across][n % across] = new.clone()  # a view would keep all of `sums`
+        return GridMapState(tuple(map(tuple, rows)))
 
 
 class GridMap(nn.Module):
@@ -169,9 +193,9 @@ class GridMap(nn.Module):
             raise InputError(f"certainty must be 'beams' or 'log-odds', got {certainty!r}")
         self.rig, self.grid, self.reach = rig, grid or Grid(), reach
         self.certainty, self.odds = certainty, odds or LogOdds()
-        table = beam_table(rig, farthest, self.grid.cell / 2, spread_px=spread_px)
-        self.register_buffer("tangent", table.tangent, persistent=False)
-        self.register_buffer("weight", table.weight, persistent=False)
+        tangent, weight = beam_table(rig, farthest, self.grid.cell / 2, spread_px=spread_px)
+        self.register_buffer("tangent", tangent, persistent=False)
+        self.register_buffer("weight", weight, persistent=False)
         # One point a cell at the farthest range: nearer lines meet a cell more often than once, see `sight`.
         line = torch.linspace(0.0, self.odds.clear_ratio, math.ceil(farthest / self.grid.cell))
         self.register_buffer("line", line, persistent=False)
@@ -187,26 +211,27 @@ class GridMap(nn.Module):
         if isinstance(ranges.x, np.ndarray):
             ranges, pose = in_tensors(ranges, pose)
         batch, grid = check_observations(ranges, pose), self.grid
-        tiles = empty_tiles(batch, grid.rows + 2, grid.columns + 2, ranges.x) if state is None else state.tiles
-        size = (*tiles.rows[0][0].shape[:-2], len(tiles.rows), len(tiles.rows[0]))
-        if size != (*batch, -(-(grid.rows + 2) // SIDE), -(-(grid.columns + 2) // SIDE)):
+        across, down = -(-(grid.columns + 2) // SIDE), -(-(grid.rows + 2) // SIDE)
+        if state is None:
+            state = GridMapState(((ranges.x.new_zeros(*batch, SIDE, SIDE),) * across,) * down)
+        size = (*state.tiles[0][0].shape[:-2], len(state.tiles), len(state.tiles[0]))
+        if size != (*batch, down, across):
             raise InputError(f"state.tiles {size} do not fit batch {batch} and a grid of {grid.rows} x {grid.columns}")
-        at = Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose))
+        at = Pose(pose.x[..., None, None], pose.y[..., None, None], pose.heading[..., None, None])
         if self.certainty == "beams":
-            x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
+            x, y, weight = sample_certainty(ranges, self.rig, self.tangent, self.weight, self.reach)
             row, column = grid.find(*to_world(at, x, y))
             weight = weight * (1 / grid.cell**2)
-            return GridMapState(add_at(tiles, row.flatten(-3), column.flatten(-3), weight.flatten(-3)))
+            return state.add(row.flatten(-3), column.flatten(-3), weight.flatten(-3))
         x, y, change = self.sight(ranges)
-        row, column = grid.find(*to_world(at, x, y))
-        for t in range(row.shape[-3]):  # frame by frame, because no frame may take a cell over the limit
-            at_row, at_column, now = (part[..., t, :, :].flatten(-2) for part in (row, column, change))
-            tiles = add_at(tiles, at_row, at_column, now, self.odds.limit)
-        return GridMapState(tiles)
+        row, column = (part.flatten(-2) for part in grid.find(*to_world(at, x, y)))
+        for t in range(row.shape[-2]):  # frame by frame, because no frame may take a cell over the limit
+            state = state.add(row[..., t, :], column[..., t, :], change[..., t, :, :].flatten(-2), self.odds.limit)
+        return state
 
     def sight(self, ranges: Ranges) -> tuple[Tensor, Tensor, Tensor]:
         """Points of the features and on the lines of sight to them, and the change of log-odds there."""
-        x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), math.inf)
+        x, y, weight = sample_certainty(ranges, self.rig, self.tangent, self.weight, math.inf)
         hits = weight / weight.sum(-1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
         valid = ranges.valid.unsqueeze(-1).to(hits.dtype)
         ahead, aside = ranges.x.unsqueeze(-1) - self.rig.forward, ranges.y.unsqueeze(-1)

@@ -30,7 +30,7 @@ PASSED = 0.18
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 """Gray levels that `map_server` of ROS reads as occupied, unknown and free."""
 
-YAML = """image: {image}
+YAML = """image: map.pgm
 mode: trinary
 resolution: {resolution:g}
 origin: [{left:.6g}, {bottom:.6g}, 0.0]
@@ -79,21 +79,15 @@ def save_map(
     check_kind("grid", grid, Grid)
     if tuple(cells.shape) != (grid.rows, grid.columns):
         raise InputError(f"expected cells [{grid.rows}, {grid.columns}], got {tuple(cells.shape)}")
-    arrays: dict[str, Any] = {
-        "cells": cells.numpy(),
-        "bounds": np.array([grid.left, grid.right, grid.bottom, grid.top]),
-        "cell": np.array(grid.cell),
-        **({} if ndt_cells is None else {"walls": ndt_cells}),
-        **more,
-    }
-    save_arrays(folder / "map.npz", arrays)
+    arrays = {"cells": cells.numpy(), "bounds": np.array([grid.left, grid.right, grid.bottom, grid.top])}
+    walls = {} if ndt_cells is None else {"walls": ndt_cells}
+    save_arrays(folder / "map.npz", {**arrays, "cell": np.array(grid.cell), **walls, **more})
     pixels = ros_pixels(cells, grid, path)
     with replacing(folder / "map.pgm") as beside:
         rows, columns = pixels.shape
         # Pictures begin at the top, which is the largest y.
         beside.write_bytes(f"P5\n{columns} {rows}\n255\n".encode() + np.ascontiguousarray(pixels[::-1]).tobytes())
-    where = {"resolution": grid.cell * PIXEL, "left": grid.left, "bottom": grid.bottom}
-    write_text(folder / "map.yaml", YAML.format(image="map.pgm", **where))
+    write_text(folder / "map.yaml", YAML.format(resolution=grid.cell * PIXEL, left=grid.left, bottom=grid.bottom))
 
 
 def ros_pixels(cells: Tensor, grid: Grid, path: Floats) -> npt.NDArray[np.uint8]:
@@ -103,20 +97,17 @@ def ros_pixels(cells: Tensor, grid: Grid, path: Floats) -> npt.NDArray[np.uint8]
     """
     import cv2
 
-    rows, columns = -(-grid.rows // PIXEL), -(-grid.columns // PIXEL)
-    padded = np.zeros((rows * PIXEL, columns * PIXEL), np.float32)
-    padded[: grid.rows, : grid.columns] = cells.numpy()
-    largest = padded.reshape(rows, PIXEL, columns, PIXEL).max((1, 3))
-    pixels = np.full((rows, columns), UNKNOWN, np.uint8)
-    side = grid.cell * PIXEL
-    reach = int(PASSED / side)
+    rows, columns, side = -(-grid.rows // PIXEL), -(-grid.columns // PIXEL), grid.cell * PIXEL
+    largest = np.pad(cells.numpy(), ((0, rows * PIXEL - grid.rows), (0, columns * PIXEL - grid.columns)))
+    largest = largest.reshape(rows, PIXEL, columns, PIXEL).max((1, 3))
     passed = np.zeros((rows, columns), np.uint8)
     column, row = np.floor((path[:, :2] - (grid.left, grid.bottom)) / side).astype(np.int64).T
     inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     passed[row[inside], column[inside]] = 1
+    reach = int(PASSED / side)
     disc = np.hypot(*np.indices((2 * reach + 1, 2 * reach + 1)) - reach) <= reach
-    pixels[cv2.dilate(passed, disc.astype(np.uint8)) > 0] = FREE
-    if float(largest.max(initial=0.0)) > 0:
+    pixels = np.where(cv2.dilate(passed, disc.astype(np.uint8)) > 0, np.uint8(FREE), np.uint8(UNKNOWN))
+    if largest.max(initial=0.0) > 0:
         pixels[largest >= FAINTEST * largest.max()] = OCCUPIED
     return pixels
 

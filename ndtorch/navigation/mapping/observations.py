@@ -69,14 +69,10 @@ class ObservationList(nn.Module):
         weight = ranges.valid.to(ranges.x.dtype) * self.weight
         x, y = to_world(Pose(*(part.unsqueeze(-1) for part in pose)), ranges.x, ranges.y)
         for t in range(pose.x.shape[-1]):
-            state = self.decay(state)
+            state = state._replace(weight=state.weight * torch.exp(-self.dt / state.lifetime))
             here = torch.stack([part[..., t] for part in pose], -1).unsqueeze(-2)
             state = self.add(state, x[..., t, :], y[..., t, :], weight[..., t, :], here)
         return state, state
-
-    def decay(self, state: Observations) -> Observations:
-        """Weights after one more time step."""
-        return state._replace(weight=state.weight * torch.exp(-self.dt / state.lifetime))
 
     def add(
         self,
@@ -96,11 +92,6 @@ class ObservationList(nn.Module):
             lifetime: of these points; the module's own by default.
         """
         seconds = torch.full_like(x, self.lifetime if lifetime is None else lifetime)
-        first = (x, y, weight, seconds, seen_from.expand(*x.shape, 3))
-        dims = (-1, -1, -1, -1, -2)
-        return Observations(
-            *(
-                torch.cat((new, old), dim).narrow(dim, 0, self.capacity)
-                for new, old, dim in zip(first, state, dims, strict=True)
-            )
-        )
+        first, dims = (x, y, weight, seconds, seen_from.expand(*x.shape, 3)), (-1, -1, -1, -1, -2)
+        parts = zip(first, state, dims, strict=True)
+        return Observations(*(torch.cat((new, old), dim).narrow(dim, 0, self.capacity) for new, old, dim in parts))

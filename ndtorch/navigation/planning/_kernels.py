@@ -12,7 +12,6 @@ import numpy.typing as npt
 from ndtorch.utils.jit import jit
 
 Floats = npt.NDArray[np.float32]
-Numbers = tuple[float, float, float, float, float]
 
 STEP_M, HEADINGS, NODE_M = 0.2, 24, 0.1
 """Length of the arcs of the lattice, number of its headings, and side of the squares in which nodes are the same."""
@@ -25,6 +24,12 @@ EXIT_M = 0.5
 
 NOSE_M = 0.25
 """Unknown cells are looked for this far ahead of the body's origin."""
+
+HORIZON_M, INFLATION_RADIUS_M = 2.6, 0.45
+"""Length of a path, and clearance of the middle line of the body from which on it costs nothing more."""
+
+CLEARANCE_COST, REVERSE_COST_RATIO = 1.5, 2.5
+"""Metres more for a metre at the least clearance, and cost of driving backward over that of driving ahead."""
 
 UNKNOWN_COST, CURVATURE_COST, CURVATURE_CHANGE_COST, DIRECTION_CHANGE_COST = 0.3, 0.05, 0.05, 0.8
 """Metres more for a metre into unknown cells, for each unit of curvature of a metre, for a change of the curvature by
@@ -109,7 +114,7 @@ def footprint_clearance(clearance: Floats, x: float, y: float, heading: float, c
 
 
 @jit
-def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Floats, numbers: Numbers) -> Floats:
+def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Floats, min_clearance: float) -> Floats:
     """The best path for a car that cannot turn on the spot, on a lattice of arcs, over the horizon.
 
     Args:
@@ -117,14 +122,12 @@ def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Fl
         start: x, y, heading, curvature and direction (+1 or -1) of the car.
         curvatures: of the arcs, 1/m; backward the straight and the tightest ones are driven.
         centers: of the discs of the footprint, along the body, m.
-        numbers: length of a path, least clearance of the discs, clearance from which on nothing more is paid, m; what a
-            metre at the least clearance costs more, and the ratio for one backward.
+        min_clearance: of the discs, m.
 
     Returns:
         `[n, 5]`: x, y, heading, curvature driven to there, direction; the first row is the start. One row: no path.
     """
-    horizon, min_clearance, inflation_radius, clearance_cost, reverse_cost_ratio = numbers
-    frame, tightest, reach = layers.frame, np.abs(curvatures).max(), horizon + 1.0
+    frame, tightest, reach = layers.frame, np.abs(curvatures).max(), HORIZON_M + 1.0
     side = int(2 * reach / NODE_M) + 1
     visited = np.full((side, side, HEADINGS, 2), np.inf, np.float32)
     node, parent = np.empty((MAX_NODES, 5), np.float32), np.empty(MAX_NODES, np.int64)
@@ -138,7 +141,7 @@ def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Fl
         to_go = cell_value(layers.to_go, x, y, layers.coarse)
         if driven[n] > 0.35 and to_go >= 0 and to_go + 0.3 * cost[n] < best_value:
             best, best_value = n, to_go + 0.3 * cost[n]
-        if to_go >= 0 and (driven[n] >= horizon or to_go < 0.15) and direction > 0:
+        if to_go >= 0 and (driven[n] >= HORIZON_M or to_go < 0.15) and direction > 0:
             end = n
             break
         for backward in range(2):
@@ -163,13 +166,13 @@ def lattice_astar(layers: Layers, start: Floats, curvatures: Floats, centers: Fl
                 h = cell_value(layers.to_go, nx, ny, layers.coarse)
                 if h < 0 or h == np.inf:
                     continue
-                lack = (inflation_radius - clearance) / (inflation_radius - min_clearance)
-                price = 1.0 + CURVATURE_COST * abs(bend) + clearance_cost * max(lack, 0.0)
+                lack = (INFLATION_RADIUS_M - clearance) / (INFLATION_RADIUS_M - min_clearance)
+                price = 1.0 + CURVATURE_COST * abs(bend) + CLEARANCE_COST * max(lack, 0.0)
                 nose_x, nose_y = nx + NOSE_M * math.cos(new_heading), ny + NOSE_M * math.sin(new_heading)
                 if cell_value(layers.unknown, nose_x, nose_y, frame) > 0:
                     price += UNKNOWN_COST
                 if backward:
-                    price *= reverse_cost_ratio
+                    price *= REVERSE_COST_RATIO
                 g = cost[n] + price * STEP_M + CURVATURE_CHANGE_COST * abs(bend - curvature)
                 if to != direction:
                     g += DIRECTION_CHANGE_COST

@@ -1,4 +1,4 @@
-"""A path through the local map around a car: costmap, Dijkstra, and A* on a lattice of arcs."""
+"""A path through the local map around a car: costmap, Dijkstra, and A* on a lattice of arcs; and its tracking."""
 
 from __future__ import annotations
 
@@ -12,12 +12,20 @@ import numpy.typing as npt
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body
-from ndtorch.navigation.planning._kernels import UNKNOWN_COST, Floats, Frame, Layers, dijkstra, lattice_astar
+from ndtorch.navigation.local_grid import Place
+from ndtorch.navigation.planning._kernels import (
+    CLEARANCE_COST,
+    HORIZON_M,
+    INFLATION_RADIUS_M,
+    UNKNOWN_COST,
+    Floats,
+    Frame,
+    Layers,
+    dijkstra,
+    lattice_astar,
+)
 
 Bools = npt.NDArray[np.bool_]
-Place = tuple[float, float, float]
-"""x and y, m, and heading, radians."""
-
 FAR_M = 99.0
 """Clearance where there is no obstacle."""
 
@@ -30,6 +38,9 @@ COARSE = 2
 NARROW_M = 0.03
 """Half a coarse cell is forgiven: a passage that just admits the car need not lie on the cells."""
 
+OBSTACLE_COST = 40.0
+"""Metres more for a metre through obstacles, where no other path leads to the goal."""
+
 LETHAL_M = 0.12
 """Exploring, no path has less clearance than this."""
 
@@ -41,6 +52,13 @@ DISCS = 4
 
 SPARE_RADIUS_RATIO = 0.9
 """Tightest turn of the body over that of a planned arc, so that the car can return to a path."""
+
+
+MIN_SPEED = 0.08
+"""m/s: a car that tracks a path is not slower."""
+
+REACHED_M = 0.02
+"""A point of the path is reached this far before the line across the path through it."""
 
 
 class LocalMap(NamedTuple):
@@ -87,7 +105,7 @@ class Plan(NamedTuple):
 
 @dataclass(frozen=True)
 class PlannerParams:
-    """Parameters of paths and of the speeds along them. Costs are in metres.
+    """Parameters of paths and of the speeds along them.
 
     Args:
         speed_m_per_s: Speed where there is room.
@@ -95,15 +113,10 @@ class PlannerParams:
         unknown_speed_m_per_s: Speed into unknown cells.
         deceleration_m_per_s2: Deceleration with which the car can brake.
         safety_margin_m: Distance that is kept free around the body.
-        inflation_radius_m: Clearance of the middle line of the body from which on a path costs nothing more.
-        horizon_m: Length of a path.
-        clearance_cost: Extra cost of a metre without clearance.
-        obstacle_cost: Extra cost of a metre through obstacles, where no other path leads to the goal.
-        reverse_cost_ratio: Cost of driving backward over that of driving ahead.
         body: Outline and tightest turn of the car.
 
     Raises:
-        InputError: A number is not positive, or the inflation radius lies within the body.
+        InputError: A number is not positive, or the body too large.
     """
 
     speed_m_per_s: float = 0.5
@@ -111,17 +124,12 @@ class PlannerParams:
     unknown_speed_m_per_s: float = 0.3
     deceleration_m_per_s2: float = 1.5
     safety_margin_m: float = 0.05
-    inflation_radius_m: float = 0.45
-    horizon_m: float = 2.6
-    clearance_cost: float = 1.5
-    obstacle_cost: float = 40.0
-    reverse_cost_ratio: float = 2.5
     body: Body = field(default_factory=Body)
 
     def __post_init__(self) -> None:
         check_numbers(self, positive=vars(self))
-        if not self.inflation_radius_m > self.min_clearance_m:
-            raise InputError(f"inflation_radius_m must be above {self.min_clearance_m:.3g} m, got {self}")
+        if not self.min_clearance_m < INFLATION_RADIUS_M:
+            raise InputError(f"body and safety_margin_m must be within {INFLATION_RADIUS_M} m, got {self}")
 
     @property
     def centers(self) -> Floats:
@@ -165,15 +173,14 @@ def plan(
     clear = clearance(m.blocked if exploring else hidden(m), m.cell)
     side, (row, column) = m.cell * COARSE, m.cells_of(pose[0], pose[1], COARSE)
     cost = costmap(p, clear, m.unknown, exploring)
-    to_go = dijkstra(cost, goals, side, int(row * cost.shape[1] + column), 2.0 * p.horizon_m + 2.0)
+    to_go = dijkstra(cost, goals, side, int(row * cost.shape[1] + column), 2.0 * HORIZON_M + 2.0)
     start = np.array((*pose, curvature, direction), np.float32)
     if not math.isfinite(to_go[row, column]):
         return Plan(np.append(start, np.float32(0.0))[None], math.inf, to_go)
     frames = Frame(m.left, m.bottom, m.cell), Frame(m.left, m.bottom, side)
     layers, tight = Layers(clear, m.unknown.astype(np.float32), to_go, *frames), p.max_curvature_per_m
     curvatures = np.array((0.0, tight / 2, -tight / 2, tight, -tight), np.float32)
-    numbers = p.horizon_m, p.min_clearance_m, p.inflation_radius_m, p.clearance_cost, p.reverse_cost_ratio
-    path = lattice_astar(layers, start, curvatures, p.centers, tuple(map(float, numbers)))
+    path = lattice_astar(layers, start, curvatures, p.centers, p.min_clearance_m)
     path = np.column_stack((path, speed_profile(p, path, m, clear))).astype(np.float32)
     return Plan(path, float(to_go[row, column]), to_go)
 
@@ -188,9 +195,9 @@ def costmap(p: PlannerParams, clear: Floats, unknown: Bools, exploring: bool = F
             or less decide about a door.
     """
     near = downscale(clear)
-    lack = (p.inflation_radius_m - near) / (p.inflation_radius_m - p.min_clearance_m)
-    cost = 1.0 + p.clearance_cost * np.clip(lack, 0.0, 1.0) + UNKNOWN_COST * (downscale(~unknown) < 0.5)
-    cost += p.obstacle_cost * (near < p.min_clearance_m - NARROW_M)
+    lack = (INFLATION_RADIUS_M - near) / (INFLATION_RADIUS_M - p.min_clearance_m)
+    cost = 1.0 + CLEARANCE_COST * np.clip(lack, 0.0, 1.0) + UNKNOWN_COST * (downscale(~unknown) < 0.5)
+    cost += OBSTACLE_COST * (near < p.min_clearance_m - NARROW_M)
     return np.where(exploring & (near < LETHAL_M), np.inf, cost).astype(np.float32)
 
 
@@ -208,7 +215,7 @@ def speed_profile(p: PlannerParams, path: Floats, m: LocalMap, clear: Floats) ->
     cos, sin = np.cos(heading), np.sin(heading)
     along = [m.cells_of(x + d * cos, y + d * sin) for d in p.centers.tolist()]
     ratio = np.min([clear[cells] for cells in along], 0) - p.min_clearance_m
-    ratio = (ratio / (p.inflation_radius_m - p.min_clearance_m)).clip(0.0, 1.0)
+    ratio = (ratio / (INFLATION_RADIUS_M - p.min_clearance_m)).clip(0.0, 1.0)
     speeds = p.tight_speed_m_per_s + max(0.0, p.speed_m_per_s - p.tight_speed_m_per_s) * ratio
     lead = direction * (p.centers[-1] + p.radius_m)
     # Single unknown cells do not count.
@@ -262,3 +269,55 @@ def goal_costs(m: LocalMap, place: tuple[float, float]) -> Floats:
     away = np.hypot(m.left + (c + 0.5) * side - place[0], m.bottom + (r + 0.5) * side - place[1])
     border = (r == 0) | (r == rows - 1) | (c == 0) | (c == columns - 1)
     return np.where(border, away, np.inf).astype(np.float32)
+
+
+class Pursuit(NamedTuple):
+    """How to drive to stay on a path.
+
+    Attributes:
+        direction: +1 ahead, -1 backward, 0 where the path has ended.
+        curvature: 1/m.
+        at: index of the point of the path that the car has reached.
+    """
+
+    direction: float
+    curvature: float
+    at: int
+
+
+def pure_pursuit(path: Floats, at: int, pose: Place, lookahead: float, max_curvature: float) -> Pursuit:
+    """Pursue a point of the path some distance ahead, on the stretch that has one direction [Coulter 1992].
+
+    Args:
+        path: of `Plan`.
+        at: index of the point reached before.
+        pose: x, y, heading of the car.
+        lookahead: distance of the point along the path, m; beyond the end of the stretch straight on.
+        max_curvature: 1/m.
+    """
+    x, y, heading = pose
+    while at + 1 < len(path):
+        dx, dy, turned, direction = x - path[at + 1, 0], y - path[at + 1, 1], path[at + 1, 2], path[at + 1, 4]
+        if direction * (dx * math.cos(turned) + dy * math.sin(turned)) < -REACHED_M:
+            break
+        at += 1
+    if at + 1 >= len(path):
+        return Pursuit(0.0, 0.0, at)
+    direction = float(path[at + 1, 4])
+    others = np.flatnonzero(path[at + 1 :, 4] != direction)
+    stretch = path[at + 1 : at + 1 + others[0] if len(others) else None]
+    end_x, end_y, turned = stretch[-1, :3].tolist()
+    beyond = end_x + direction * lookahead * math.cos(turned), end_y + direction * lookahead * math.sin(turned)
+    points = np.vstack(((x, y), stretch[:, :2], beyond))
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
+    dx, dy = np.interp(lookahead, along, points[:, 0]) - x, np.interp(lookahead, along, points[:, 1]) - y
+    aside = math.cos(heading) * dy - math.sin(heading) * dx
+    curvature = 2 * aside / max(dx * dx + dy * dy, 1e-4)
+    return Pursuit(direction, float(min(max(curvature, -max_curvature), max_curvature)), at)
+
+
+def tracking_speed(path: Floats, at: int, pose: Place, deceleration: float) -> float:
+    """The speed between a point of the path and the next one: what can be braked to the speed there, m/s."""
+    end = path[at + 1].tolist()
+    braked = math.sqrt(end[5] ** 2 + 2 * deceleration * math.hypot(end[0] - pose[0], end[1] - pose[1]))
+    return float(max(MIN_SPEED, min(max(float(path[at, 5]), end[5]), braked)))

@@ -136,7 +136,7 @@ def feature_ranges(
     rows, motion = np.empty((2, 1, width), np.float32), np.empty(width, np.float32)
     column, strength = np.empty((2, n), np.float32), np.empty((2, n), np.float32)
     patch, good, most = np.empty((2, n, 3), np.float32), np.empty((2, n), np.bool_), np.float32(0)
-    finite = grey_fields(frames, np.intp(1), rows)
+    finite = grey_fields(frames, 1, rows)
     for eye in range(2):
         row = rows[eye, 0]
         high_pass(row, low[eye], settle, p.a, new_low[eye], motion)

@@ -79,10 +79,8 @@ class StereoCalibration:
         if self.size is None:
             raise InputError("the calibration does not say how large the images are: give width and height")
         return [
-            cv2.initUndistortRectifyMap(
-                camera.matrix, camera.distortion, camera.rotation, camera.projection[:, :3], self.size, cv2.CV_32FC1
-            )
-            for camera in (self.left, self.right)
+            cv2.initUndistortRectifyMap(matrix, distortion, rotation, projection[:, :3], self.size, cv2.CV_32FC1)
+            for matrix, distortion, rotation, projection in (self.left, self.right)
         ]
 
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
@@ -213,8 +211,7 @@ def stereo_calibration(
     lenses = (matrices[0], distortions[0], matrices[1], distortions[1])
     made = cv2.stereoRectify(*lenses, size, turn, shift.reshape(3, 1), flags=cv2.STEREO_ZERO_DISPARITY, alpha=0)
     r1, r2, p1, p2 = (np.asarray(part, np.float64) for part in made[:4])
-    left, right = PairCamera(*lenses[:2], r1, p1), PairCamera(*lenses[2:], r2, p2)
-    return StereoCalibration(left, right, size)
+    return StereoCalibration(PairCamera(*lenses[:2], r1, p1), PairCamera(*lenses[2:], r2, p2), size)
 
 
 def rectified_camera(projection: Floats, unit: float) -> PairCamera:
@@ -239,11 +236,8 @@ def one_size(left: Any, right: Any) -> tuple[int, int]:
 
 
 def pick(table: Mapping[str, Any], *names: str) -> Any:
-    """The value of the first of some names."""
-    for name in names:
-        if name in table:
-            return table[name]
-    raise ValueError(f"expected one of {', '.join(names)}")
+    """The value of the first of some names that a table has."""
+    return table[next((name for name in names if name in table), names[0])]
 
 
 def array(value: Any) -> Floats:

@@ -24,15 +24,13 @@ class FeatureParams:
 
     Args:
         count: Number of features of a row, n; 4 to 7 are equally good.
-        spacing_px: Least distance between features, D_min: they lie farther apart.
+        spacing_px: Features lie farther apart than this, D_min.
         min_motion: Least raw ND-min output of a feature, T_min, for intensities 0..1.
         min_difference: Two features of a row whose patches differ by less than this are both dropped, T_sim.
-        edge_reach_px: A feature is moved to the steepest step of brightness within this distance, to a fraction of a
-            pixel; 0 leaves it where the motion is largest, as published. See `edge_places`.
+        edge_reach_px: A feature is moved to the steepest step of brightness within this distance (`edge_places`); 0
+            leaves it where the motion is largest, as published.
         shared: Features are looked for only where the other camera can see the same at
-            `MatchParams.min_disparity_px`, which leaves out the outer border of both rows. Not in [A].
-        follow_reach_px: A feature is followed within this distance of where its last two places point to; 0 looks for
-            the strongest features of every frame anew, as published. See `PredictedFeatures`.
+            `MatchParams.min_disparity_px`. Not in [A].
 
     Raises:
         InputError: A number is out of range.
@@ -44,7 +42,6 @@ class FeatureParams:
     min_difference: float = 0.008
     edge_reach_px: int = 0
     shared: bool = False
-    follow_reach_px: int = 0
 
     def __post_init__(self) -> None:
         check_numbers(self, positive=("count",))
@@ -127,19 +124,11 @@ def find_features(row: Tensor, motion: Tensor, params: FeatureParams | None = No
     """
     params = params or FeatureParams()
     check_width(row, motion, params)
-    magnitude = searchable(motion)
-    around = torch.arange(-params.spacing_px, params.spacing_px + 1, device=motion.device)
-    columns, strengths = [], []
-    for _ in range(params.count):
-        strength, column = magnitude.max(-1, keepdim=True)
-        columns.append(column)
-        strengths.append(strength)
-        exclude(magnitude, column + around)
-    return describe(row, torch.cat(columns, -1), torch.cat(strengths, -1), params)
+    column, strength, _ = pick(motion, params)
+    return describe(row, column, strength, params)
 
 
 def check_width(row: Tensor, motion: Tensor, params: FeatureParams) -> None:
-    """Raise `InputError` unless row and motion are alike and wide enough for all features."""
     least = params.count * (2 * params.spacing_px + 1) + 2
     if row.shape != motion.shape or row.ndim < 1 or row.shape[-1] < least:
         raise InputError(
@@ -148,24 +137,43 @@ def check_width(row: Tensor, motion: Tensor, params: FeatureParams) -> None:
         )
 
 
-def searchable(motion: Tensor) -> Tensor:
-    """A fresh |motion| whose outermost pixels are -1: they are never the largest."""
-    magnitude = motion.abs()
-    magnitude[..., :: motion.shape[-1] - 1] = -1.0
-    return magnitude
+def pick(
+    motion: Tensor, params: FeatureParams, expected: Tensor | None = None, reach: int = 0
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Columns and magnitudes `[..., n]` of the strongest places of a row `[..., W]`, and which of them are new.
 
-
-def exclude(magnitude: Tensor, columns: Tensor) -> None:
-    """Set `magnitude` `[..., W]` to -1 in place at `columns` `[..., k]`: nothing is found there again."""
-    # Places beyond the border fall on the outermost pixels, which are -1 already.
-    magnitude.scatter_(-1, columns.clamp(0, magnitude.shape[-1] - 1), -1.0)
+    Args:
+        expected: columns within `reach` of which features are looked for first, `[..., n]`; one that is weaker there
+            than `min_motion` is new.
+    """
+    magnitude, last = motion.abs(), motion.shape[-1] - 1
+    magnitude[..., ::last] = -1.0  # the outermost pixels are never the largest
+    spacing = torch.arange(-params.spacing_px, params.spacing_px + 1, device=motion.device)
+    window = torch.arange(-reach, reach + 1, device=motion.device)
+    columns, strengths, new = [], [], []
+    for k in range(params.count if expected is not None else 0):
+        assert expected is not None
+        places = (expected[..., k : k + 1] + window).clamp(0, last)
+        strength, index = magnitude.gather(-1, places).max(-1, keepdim=True)
+        columns.append(places.gather(-1, index))
+        strengths.append(strength)
+        new.append(strength < params.min_motion)
+        # Nothing is found there again; what is lost keeps nothing away but the border, which is excluded anyway.
+        magnitude.scatter_(-1, torch.where(new[k], 0, columns[k] + spacing).clamp(0, last), -1.0)
+    for k in range(params.count):
+        strength, column = magnitude.max(-1, keepdim=True)
+        if expected is None:
+            columns.append(column)
+            strengths.append(strength)
+            new.append(torch.ones_like(strength, dtype=torch.bool))
+        columns[k] = torch.where(new[k], column, columns[k])
+        strengths[k] = torch.where(new[k], strength, strengths[k])
+        magnitude.scatter_(-1, torch.where(new[k], column + spacing, 0).clamp(0, last), -1.0)
+    return torch.cat(columns, -1), torch.cat(strengths, -1), torch.cat(new, -1)
 
 
 def describe(row: Tensor, column: Tensor, strength: Tensor, params: FeatureParams) -> Features:
-    """Cut the patches and drop weak and ambiguous features; the second half of `find_features`.
-
-    Where features are moved to edges, two may meet at one: the weaker one is dropped.
-    """
+    """Cut the patches and drop weak and ambiguous features, and of two that meet at one edge the weaker one."""
     twin = torch.zeros_like(strength, dtype=torch.bool)
     if params.edge_reach_px:
         column = edge_places(row, column, params.edge_reach_px)
@@ -196,10 +204,9 @@ BLUR = 2
 def edge_places(row: Tensor, column: Tensor, reach: int) -> Tensor:
     """Where the edges are that made the motion at `column` `[..., n]`, as fractions of pixels.
 
-    An edge that sweeps over v pixels between two frames changes all of them, so that the largest |ND-min| lies
-    anywhere in a band v wide, and in the two eyes at different places of it. The edge itself is now at one end
-    of the band: the steepest step of `row` `[..., W]` within `reach` pixels. Its place is the centroid of the
-    step over `BLUR` pixels on either side, which is exact for a step that pixels average.
+    An edge that sweeps over v pixels between two frames changes all of them: the largest |ND-min| lies anywhere in a
+    band v wide. The edge itself is now at one end of it: the steepest step of `row` `[..., W]` within `reach` pixels.
+    Its place is the centroid of the step over `BLUR` pixels on either side, exact for a step that pixels average.
     """
     width = row.shape[-1]
     step = row[..., 1:] - row[..., :-1]  # number k is between pixels k and k + 1
@@ -235,8 +242,7 @@ def match_features(left: Features, right: Features, params: MatchParams | None =
     """For each left feature the right one with the smallest 3-pixel squared difference. [A eq. A.2]
 
     Only afterwards the disparity `d = left column - right column` must lie in its window: a window on the
-    candidates would force false partners on features whose true partner is outside. The disparity is signed,
-    because what is seen by parallel cameras lies further to the right in the left image.
+    candidates would force false partners on features whose true partner is outside.
     """
     params = params or MatchParams()
     error = patch_error(left.patch, right.patch)
@@ -286,40 +292,13 @@ class PredictedFeatures(nn.Module):
         self, row: Tensor, motion: Tensor, state: PredictionState | None = None
     ) -> tuple[Features, PredictionState]:
         check_width(row, motion, self.params)
-        if state is None:
-            # Nothing is expected anywhere: every slot is lost and refilled from the whole row.
-            nowhere = row.new_full((*row.shape[:-2], self.params.count), -self.reach, dtype=torch.int64)
-            state = PredictionState(nowhere, nowhere)
         columns, strengths = [], []
         for sample in motion.unbind(-2):
-            column, strength, state = self.step(sample, state)
-            columns.append(column)
-            strengths.append(strength)
-        return describe(row, torch.stack(columns, -2), torch.stack(strengths, -2), self.params), state
-
-    def step(self, motion: Tensor, state: PredictionState) -> tuple[Tensor, Tensor, PredictionState]:
-        """Columns and magnitudes of the features in the next row `[..., W]`, and the new state."""
-        magnitude, p = searchable(motion), self.params
-        spacing = torch.arange(-p.spacing_px, p.spacing_px + 1, device=motion.device)
-        window = torch.arange(-self.reach, self.reach + 1, device=motion.device)
-        expected = 2 * state.last - state.before
-        columns, strengths, lost = [], [], []
-        for k in range(p.count):
-            places = (expected[..., k : k + 1] + window).clamp(0, motion.shape[-1] - 1)
-            strength, index = magnitude.gather(-1, places).max(-1, keepdim=True)
-            column = places.gather(-1, index)
-            lost.append(strength < p.min_motion)
-            # A lost feature must not keep others away: it excludes only the border, which is excluded anyway.
-            exclude(magnitude, torch.where(lost[k], 0, column + spacing))
-            columns.append(column)
-            strengths.append(strength)
-        before = state.last.clone()
-        for k in range(p.count):
-            strength, column = magnitude.max(-1, keepdim=True)
-            columns[k] = torch.where(lost[k], column, columns[k])
-            strengths[k] = torch.where(lost[k], strength, strengths[k])
-            exclude(magnitude, torch.where(lost[k], column + spacing, 0))
+            expected = None if state is None else 2 * state.last - state.before
+            column, strength, new = pick(sample, self.params, expected, self.reach)
             # A new feature has no past: it is expected to stay.
-            before[..., k : k + 1] = torch.where(lost[k], column, before[..., k : k + 1])
-        column = torch.cat(columns, -1)
-        return column, torch.cat(strengths, -1), PredictionState(column, before)
+            state = PredictionState(column, column if state is None else torch.where(new, column, state.last))
+            columns.append(column)
+            strengths.append(strength)
+        assert state is not None
+        return describe(row, torch.stack(columns, -2), torch.stack(strengths, -2), self.params), state

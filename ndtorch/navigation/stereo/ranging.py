@@ -11,20 +11,17 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
-from ndtorch.navigation.stereo._kernels import Frames, feature_ranges, grey_fields, packed
-from ndtorch.navigation.stereo._kernels import triangulate as triangulate_places
+from ndtorch.navigation.stereo._kernels import Array, Frames, feature_ranges, packed
 from ndtorch.navigation.stereo.features import (
     FeatureParams,
     Features,
     Matches,
     MatchParams,
-    PredictedFeatures,
-    PredictionState,
     find_features,
     match_features,
 )
 from ndtorch.navigation.stereo.rig import AngleModel, StereoRig
-from ndtorch.navigation.stereo.search import SearchParams, find_places, search_rows
+from ndtorch.navigation.stereo.search import SearchParams, search_ranges, search_rows
 from ndtorch.navigation.stereo.strips import at_rects, check_peak, checked, grey_pair, row_rect
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
@@ -68,25 +65,14 @@ def triangulate(matches: Matches, rig: StereoRig, angles: AngleModel = "atan") -
     return Ranges(distance, left, right, x, y, valid)
 
 
-class StereoRangingState(NamedTuple):
-    """State of `StereoRanging`.
-
-    Attributes:
-        rows: the filters of the rows, `[..., 2, 1, W]`; an array `[2, W]` in compiled steps.
-        followed: the features that are followed, if any.
-    """
-
-    rows: Any
-    followed: PredictionState | None
-
-
 class StereoRanging(nn.Module):
     """Ranges of features of the horizon rows: ND-min, features, correspondence, triangulation. [A fig. 10]
 
     Shapes:
         left, right: frames `[..., T, C, H, W]`, or rows `[..., T, C, 1, W]`, uint8 or float in 0..1,
             C = 1 or 3 -> `Ranges` of `[..., T, n]`.
-        State: `StereoRangingState`; `None` settles on the first frame, which then has no features.
+        State: the filters of the rows, `FilterState` of `[..., 2, 1, W]`, an array `[2, W]` in compiled steps; `None`
+            settles on the first frame, which then has no features.
 
     Args:
         rig: the camera pair.
@@ -129,7 +115,6 @@ class StereoRanging(nn.Module):
         self.search = search
         self.row, self.horizon = row_rect(rig, 1 if search is None else search.rows), row_rect(rig)
         self.nd_min = NDMin(tau_high, dt)
-        self.follow = PredictedFeatures(f, f.follow_reach_px) if f.follow_reach_px else None
         # Nearer the border, a partner with the smallest disparity would lie outside the other row.
         self.border = math.ceil(m.min_disparity_px) if f.shared else 0
         self.numbers = packed(
@@ -145,64 +130,45 @@ class StereoRanging(nn.Module):
         )
         self.searched = None if search is None else packed(search)
 
-    def forward(
-        self, left: Tensor, right: Tensor, state: StereoRangingState | None = None
-    ) -> tuple[Ranges, StereoRangingState]:
-        check_state(state, StereoRangingState)
+    def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Ranges, FilterState]:
+        check_state(state, FilterState)
         rect = self.horizon if getattr(left, "ndim", 0) > 1 and left.shape[-2] == 1 else self.row
         rows = grey_pair(left, right, rect, rect, self.size)
         if self.search is not None:
             check_peak(rows.abs(), left)
             # It needs no motion; the state keeps the last rows, as filters do that have settled on them.
             horizon = rows[..., -1, :, rows.shape[-2] // 2, :].unsqueeze(-2)
-            ranges = triangulate(search_rows(rows, self.search), self.rig, self.angles)
-            return ranges, StereoRangingState(FilterState(horizon), None)
-        motion, filters = self.nd_min.scan(rows, state.rows if state else None, rows.ndim - 4)
+            return triangulate(search_rows(rows, self.search), self.rig, self.angles), FilterState(horizon)
+        motion, state = self.nd_min.scan(rows, state, rows.ndim - 4)
         check_peak(spatial_maximum(motion), left)
-        rows, motion, followed = rows.squeeze(-2), motion.squeeze(-2), state.followed if state else None
+        rows, motion = rows.squeeze(-2), motion.squeeze(-2)
         if self.border:
             # What lies left in the left row, or right in the right one, has no partner.
             inside = torch.arange(self.size[1], device=motion.device) >= self.border
             motion = motion * torch.stack((inside, inside.flip(0)))
-        if self.follow is None:
-            found = find_features(rows, motion, self.features)
-        else:
-            found, followed = self.follow(rows.transpose(-2, -3), motion.transpose(-2, -3), followed)
-            column, strength, patch, valid = found
-            patch = patch.transpose(-3, -4)
-            found = Features(column.transpose(-2, -3), strength.transpose(-2, -3), patch, valid.transpose(-2, -3))
-        eyes = (found.column.unbind(-2), found.strength.unbind(-2), found.patch.unbind(-3), found.valid.unbind(-2))
-        one, other = (Features(*eye) for eye in zip(*eyes, strict=True))
-        ranges = triangulate(match_features(one, other, self.matching), self.rig, self.angles)
-        return ranges, StereoRangingState(filters, followed)
+        column, strength, patch, valid = find_features(rows, motion, self.features)
+        one, other = (
+            Features(column[..., eye, :], strength[..., eye, :], patch[..., eye, :, :], valid[..., eye, :])
+            for eye in (0, 1)
+        )
+        return triangulate(match_features(one, other, self.matching), self.rig, self.angles), state
 
-    def step(self, frames: Frames, state: StereoRangingState | None) -> tuple[Ranges, StereoRangingState]:
+    def step(self, frames: Frames, state: Array | None) -> tuple[Ranges, Array]:
         """One frame of each camera, compiled: ranges as arrays `[n]`.
 
         Args:
             frames: whole frames, or rows.
             state: of the step before; None begins with this frame.
         """
-        if self.follow is not None:  # torch follows features from frame to frame
-            order = (2, 0, 1) if frames.interleaved else (0, 1, 2)
-            eyes = (torch.from_numpy(eye).permute(order).unsqueeze(0) for eye in frames[:2])
-            ranges, after = self(*eyes, state)
-            return Ranges(*(part[0].numpy() for part in ranges)), after
         rect = self.horizon if frames.left.shape[0 if frames.interleaved else 1] == 1 else self.row
-        rows, low = at_rects(frames, (rect, rect), self.size), np.empty((2, self.size[1]), np.float32)
-        if self.search is not None:
-            pair = np.empty((2, rect.bottom - rect.top, low.shape[1]), np.float32)
-            found = np.empty((3, self.search.count), np.float32)
-            peak = np.nan if not grey_fields(rows, 1, pair) else max(pair.max(), -pair.min())
-            check_peak(peak)  # the search indexes by what it reads
-            low[:] = pair[:, pair.shape[1] // 2]
-            find_places(pair, self.searched, found)
-            out, valid = np.stack((found[1],) * 5), found[0] > 0
-            triangulate_places(found[0], self.numbers, out, valid)
+        frames, low = at_rects(frames, (rect, rect), self.size), np.empty((2, self.size[1]), np.float32)
+        count = self.features.count if self.search is None else self.search.count
+        out, valid = np.empty((5, count), np.float32), np.empty(count, np.bool_)
+        if self.search is None:
+            before = low if state is None else checked(state, low.shape)
+            peak = feature_ranges(frames, state is None, before, low, self.numbers, out, valid)
         else:
-            out, valid = np.empty((5, self.features.count), np.float32), np.empty(self.features.count, np.bool_)
-            before = low if state is None else checked(state.rows, low.shape)
-            peak = feature_ranges(rows, state is None, before, low, self.numbers, out, valid)
+            peak = search_ranges(frames, rect.bottom - rect.top, self.searched, self.numbers, low, out, valid)
         check_peak(peak)
         distance, one, other, x, y = out
-        return Ranges(distance, one, other, x, y, valid), StereoRangingState(low, None)
+        return Ranges(distance, one, other, x, y, valid), low

@@ -86,36 +86,26 @@ class StereoRig:
     ) -> StereoRig:
         """The rig of a calibration that somebody else has made, in one file or in one a camera, the left one first.
 
-        ROS camera_info and ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, OpenCV FileStorage and
-        Kalibr camchain are read. It is the rig of the rectified pair; `load_calibration` has what rectifies images.
+        It is the rig of the rectified pair; `load_calibration` has what rectifies images.
 
         Args:
-            paths, width, height, unit_m, cameras: as `load_calibration`.
+            paths, width, height, unit_m, cameras: as `load_calibration`, with the formats that are read.
             where: `camera_height`, `pitch` and `forward`, which no calibration knows.
 
         Raises:
-            InputError: a file that cannot be read or is of none of these kinds; another size than the frames; a
-                baseline that is too long; as `from_projections`.
+            InputError: as `load_calibration` and `from_projections`; a file that does not say how large images are.
         """
         from ndtorch.navigation.stereo.calibration_files import load_calibration  # cv2
 
         found = load_calibration(*paths, width=width, height=height, unit_m=unit_m, cameras=cameras)
         if found.size is None:
             raise InputError(f"{paths[0]} does not say how large the images are: give width and height of the frames")
-        left, right = found.left.projection, found.right.projection
         width, height = found.size
-        return cls.from_projections(left, right, width, height, **where)
+        return cls.from_projections(found.left.projection, found.right.projection, width, height, **where)
 
     @classmethod
     def from_projections(
-        cls,
-        left: Matrix,
-        right: Matrix,
-        width: int,
-        height: int,
-        *,
-        baseline: float | None = None,
-        **where: float,
+        cls, left: Matrix, right: Matrix, width: int, height: int, *, baseline: float | None = None, **where: float
     ) -> StereoRig:
         """The rig of a rectified pair, from the projection matrices of both cameras.
 
@@ -130,9 +120,8 @@ class StereoRig:
             where: `camera_height`, `pitch` and `forward`, which no calibration knows.
 
         Raises:
-            InputError: matrices of another shape, or cameras that are not parallel, level and alike: fx and fy, or
-                cx and cy of both, that differ, or a right camera that is not to the right of the left one; a baseline
-                that is too long.
+            InputError: matrices of another shape, or cameras that are not parallel, level and alike, or whose baseline
+                cannot be.
         """
         p, q = (torch.as_tensor(matrix, dtype=torch.float64) for matrix in (left, right))
         if p.numel() not in (9, 12) or p.numel() != q.numel() or not bool((p.sum() + q.sum()).isfinite()):
@@ -258,15 +247,20 @@ class StereoRig:
         return boxes
 
     @property
+    def lowest_ray(self) -> float:
+        """How far the lowest row looks down, radians."""
+        return math.atan((self.height - 1 - self.center[1]) / self.focal) + self.pitch
+
+    @property
     def floor_from(self) -> float:
         """Depth of the nearest floor in view, m; infinite where the frames show none."""
-        down = math.atan((self.height - 1 - self.center[1]) / self.focal) + self.pitch
+        down = self.lowest_ray
         return self.camera_height / math.tan(down) if 0 < down < math.pi / 2 else 0.0 if down > 0 else math.inf
 
     def floor_hint(self, near: float) -> str:
         """What to change so that floor is in view from this depth on, m; empty where it is in view."""
         if self.floor_from <= near:
             return ""
-        view = math.atan((self.height - 1 - self.center[1]) / self.focal) + self.pitch
-        height = f"mount the cameras at most {near * math.tan(view):.2f} m high, or " if view > 0 else ""
+        down = self.lowest_ray
+        height = f"mount the cameras at most {near * math.tan(down):.2f} m high, or " if down > 0 else ""
         return f"; the nearest floor in view is {self.floor_from:.2f} m ahead: {height}pitch them farther down"

@@ -23,7 +23,7 @@ from torch import Tensor
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body
-from ndtorch.navigation.stereo._kernels import Array, packed
+from ndtorch.navigation.stereo._kernels import Array, Frames, grey_fields, packed, triangulate
 from ndtorch.navigation.stereo.features import USUAL_FOCAL_BASELINE, Matches
 from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.utils.jit import jit
@@ -117,6 +117,30 @@ NEIGHBOURS = 2
 
 NEVER = np.float32(9.0)
 """More than two windows can differ: where one of them leaves its row."""
+
+
+@jit(exact=True)
+def search_ranges(
+    frames: Frames, rows: int, numbers: Array, geometry: Array, low: Array, out: Array, valid: Array
+) -> float:
+    """The step of `StereoRanging` that searches the right row; returns the largest number in the rows.
+
+    Args:
+        frames, rows: where the rows are that are compared, and how many.
+        numbers, geometry: packed parameters of the search and of `triangulate`.
+        low: becomes the horizon rows, `[2, W]`.
+        out: becomes range, left and right angle, x and y, `[5, n]`; `valid`: `[n]`.
+    """
+    pair, found = np.empty((2, rows, low.shape[1]), np.float32), np.empty((3, valid.shape[0]), np.float32)
+    finite = grey_fields(frames, 1, pair)
+    peak = max(pair.max(), -pair.min()) if finite else np.nan
+    if not peak <= 2.0:  # the search indexes by what it reads
+        return float(peak)
+    low[:] = pair[:, rows // 2]
+    find_places(pair, numbers, found)
+    out[0], valid[:] = found[1], found[0] > 0
+    triangulate(found[0], geometry, out, valid)
+    return float(peak)
 
 
 @jit(exact=True)

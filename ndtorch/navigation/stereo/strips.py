@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.stereo._kernels import Frames
+from ndtorch.navigation.stereo._kernels import Array, Frames, grey_fields
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 from ndtorch.vision.temporal import time_dim
 
@@ -24,11 +24,6 @@ class Strips(NamedTuple):
 
     field: Tensor
     row: Tensor
-
-
-def strips(eye: Tensor | Strips) -> Strips:
-    """Whole frames stand for both of their strips: each step cuts its own."""
-    return eye if isinstance(eye, Strips) else Strips(eye, eye)
 
 
 def cut_strips(frames: Tensor, field: Rect, rig: StereoRig, rows: int = 1) -> Strips:
@@ -84,7 +79,6 @@ def grey_pair(left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, si
 
 
 def check_alike(left: Any, right: Any) -> None:
-    """Raise `InputError` unless these are frames of one shape and type, uint8 or floating point."""
     if not (isinstance(left, Tensor) and isinstance(right, Tensor)):
         raise InputError(f"left and right must be tensors, got {type(left).__name__} and {type(right).__name__}")
     if left.shape != right.shape or left.dtype != right.dtype:
@@ -105,9 +99,6 @@ def wrong_size(size: tuple[int, int], cut_size: tuple[int, int], shape: Any) -> 
 def check_peak(peak: Any, frames: Tensor | None = None) -> None:
     """Raise `InputError` where floating point frames held NaN, infinity or numbers far beyond 0..1.
 
-    Looking at the few maxima of the raw high-passed frames instead of at the pixels costs little: they are NaN or
-    infinite when a pixel is, and at most 1 where all pixels are in 0..1.
-
     Args:
         peak: the largest change, a number, or maxima; compiled steps return NaN where there was a NaN or infinity.
         frames: of which maxima are; whole numbers need no look.
@@ -119,11 +110,7 @@ def check_peak(peak: Any, frames: Tensor | None = None) -> None:
 
 
 def as_frames(left: Tensor, right: Tensor) -> Frames:
-    """One frame of each camera, `[C, H, W]`, whole or cut, for compiled steps; nothing is copied.
-
-    Raises:
-        InputError: frames that are not alike, not on the CPU, with gradients, or of another type or number of colors.
-    """
+    """One frame of each camera, `[C, H, W]`, whole or cut, for compiled steps; nothing is copied."""
     check_alike(left, right)
     if left.ndim != 3 or left.shape[0] not in (1, 3):
         raise InputError(f"expected frames [C, H, W] with C = 1 or 3, got {tuple(left.shape)}")
@@ -141,11 +128,7 @@ def as_frames(left: Tensor, right: Tensor) -> Frames:
 
 
 def at_rects(frames: Frames, rects: tuple[Rect, Rect], size: tuple[int, int]) -> Frames:
-    """The same frames, whole or cut, with the places where the rectangles begin.
-
-    Raises:
-        InputError: frames that are neither of `size` nor of that of the rectangles.
-    """
+    """The same frames, whole, of `size`, or cut, with the places where the rectangles begin."""
     shape = frames.left.shape[:2] if frames.interleaved else frames.left.shape[1:]
     one, other = rects
     if shape == size:
@@ -155,12 +138,15 @@ def at_rects(frames: Frames, rects: tuple[Rect, Rect], size: tuple[int, int]) ->
     return frames
 
 
-def checked(low: Any, shape: tuple[int, ...]) -> Any:
-    """A state of filters that compiled steps can go on from: compiled code does not look at sizes.
+def read_grey(frames: Frames, rects: tuple[Rect, Rect], size: tuple[int, int]) -> Array:
+    """Grey of one rectangle of each image, `[2, h, w]`; frames are whole, of `size`, or cut to the rectangles."""
+    grey = np.empty((2, rects[0].bottom - rects[0].top, rects[0].right - rects[0].left), np.float32)
+    grey_fields(at_rects(frames, rects, size), 1, grey)
+    return grey
 
-    Raises:
-        InputError: it is none.
-    """
+
+def checked(low: Any, shape: tuple[int, ...]) -> Any:
+    """A state of filters that compiled steps can go on from: compiled code does not look at sizes."""
     if not isinstance(low, np.ndarray) or low.shape != shape or low.dtype != np.float32:
         kind = getattr(low, "dtype", type(low).__name__)
         raise InputError(f"state of the filters must be float32 {list(shape)}, got {kind} {np.shape(low)}")

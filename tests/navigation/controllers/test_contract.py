@@ -38,7 +38,7 @@ def test_each_keeps_the_contract(name):
     command, state = Navigator(RIG, DT, controller=controller)(left, right)
     assert torch.isfinite(torch.stack(command)).all()
     assert int(controller.mode(state.control)) in controller.modes
-    assert state.difference == controller.difference(state.control)
+    assert state.difference == state.control.difference
     assert state.sides.shape == (2,)
     assert controller.trace.difference
     batched, batch = Navigator(RIG, DT, controller=controller)(torch.stack((left, left)), torch.stack((right, right)))
@@ -48,6 +48,7 @@ def test_each_keeps_the_contract(name):
 
 class Nothing(NamedTuple):
     steps: torch.Tensor
+    difference: torch.Tensor
 
 
 class Slow(Controller):
@@ -57,27 +58,22 @@ class Slow(Controller):
 
     def __init__(self, rig, dt, params=None):
         super().__init__(rig, dt, params)
-        self.look = SubfieldMotion(rig, dt)
+        self.look, self.trace = SubfieldMotion(rig, dt), Trace("nothing", turn=2.0, stop=0.5)
+        self.fields = self.look.fields
 
-    @property
-    def trace(self):
-        return Trace("nothing", turn=2.0, stop=0.5)
-
-    def sides(self, seen):
-        return seen
+    def see(self, frames, state=None):
+        motion, state = self.look(*frames, state)
+        return motion[..., 0, :], motion[..., 0, :], state
 
     def start(self, seen, pose):
-        return Nothing(torch.zeros_like(pose.x))
+        return Nothing(torch.zeros_like(pose.x), torch.zeros_like(pose.x))
 
     def step(self, seen, ranges, pose, driven, state):
         steps = state.steps + 1
-        return Command(torch.full_like(steps, 0.1), torch.zeros_like(steps)), Nothing(steps)
+        return Command(torch.full_like(steps, 0.1), torch.zeros_like(steps)), Nothing(steps, torch.zeros_like(steps))
 
     def mode(self, state):
         return torch.full_like(state.steps, CRUISE)
-
-    def difference(self, state):
-        return torch.zeros_like(state.steps)
 
 
 def test_another_controller_is_one_class(monkeypatch):

@@ -20,8 +20,8 @@ from ndtorch.navigation.controllers.goal import (
     GoalParams,
     next_task,
 )
-from ndtorch.navigation.controllers.ranging.control import BLOCKED
-from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid, unrolled
+from ndtorch.navigation.controllers.ranging._kernels import BLOCKED
+from ndtorch.navigation.local_grid import LocalGridParams, cell_index, empty_grid, unrolled
 from ndtorch.navigation.odometry import arc
 from ndtorch.navigation.stereo.ranging import Ranges
 
@@ -108,8 +108,8 @@ def test_a_ranged_wall_is_driven_around():
 
 
 def test_no_speed_is_above_that_of_the_task():
-    params = NavigatorOptions("goal", speed=0.25).make(RIG, DT).params
-    slow = params.reactive
+    control = NavigatorOptions("goal", speed=0.25).make(RIG, DT)
+    params, slow = control.params, control.reactive
     speeds = (params.tight_speed_m_per_s, params.unknown_speed_m_per_s, slow.speed_m_per_s, slow.reverse_speed_m_per_s)
     assert params.speed_m_per_s == 0.25
     assert max(speeds) <= 0.25
@@ -215,7 +215,8 @@ def test_speed_is_what_can_be_braked_from_in_the_room_there_is():
 def test_unrolled_evidence_lies_where_it_is_in_the_world(car):
     params = LocalGridParams(cell_m=0.05, size_cells=16)
     grid = empty_grid(*car, params)
-    grid.evidence.reshape(-1)[cells_at((*car, 0.0), [0.21], [-0.13], params)] = 3.0
+    place = (np.array([part], np.float32) for part in (0.21, -0.13))
+    grid.evidence.reshape(-1)[cell_index(*place, (*car, 0.0), 0.05, 16)] = 3.0
     cells, left, bottom = unrolled(grid.evidence, *car, params)
     ((row, column),) = np.argwhere(cells)
     assert 0 <= car[0] + 0.21 - (left + column * 0.05) < 0.05

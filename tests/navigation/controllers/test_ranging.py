@@ -18,14 +18,12 @@ from ndtorch.navigation import (
 )
 from ndtorch.navigation.controllers.ranging._kernels import next_mode
 from ndtorch.navigation.controllers.ranging.control import RangingControl
-from ndtorch.navigation.controllers.ranging.floor import floor_view
-from ndtorch.navigation.controllers.ranging.params import FloorParams
+from ndtorch.navigation.controllers.ranging.floor import BLOCKS, floor_view
 from ndtorch.navigation.odometry import arc
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)
-VIEW = floor_view(RIG, FloorParams())
-BANDS, BLOCKS = FloorParams().bands, FloorParams().blocks
+VIEW = floor_view(RIG)
 
 
 def cells_of(depth, speed, curvature=0.0):

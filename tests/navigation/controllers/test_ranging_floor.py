@@ -7,25 +7,18 @@ import pytest
 import torch
 
 from ndtorch.navigation import CRUISE, REVERSE, TURN, Pose, RangingParams, Rect, StereoRig
+from ndtorch.navigation.controllers.ranging._kernels import FloorState, floor_step, illumination_gain
 from ndtorch.navigation.controllers.ranging.control import RangingControl
-from ndtorch.navigation.controllers.ranging.floor import (
-    FloorState,
-    floor_step,
-    floor_tables,
-    floor_view,
-    illumination_gain,
-)
-from ndtorch.navigation.controllers.ranging.params import FloorParams
+from ndtorch.navigation.controllers.ranging.floor import BANDS, BLOCKS, floor_view
+from ndtorch.navigation.proximity import NOWHERE
 from ndtorch.navigation.stereo.strips import as_frames
 from ndtorch.vision.nondirectional import NDMin
 from tests.navigation.test_proximity import pair
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)
-PARAMS = FloorParams()
-VIEW = floor_view(RIG, PARAMS)
-TABLES = floor_tables(RIG, PARAMS, 0.5, VIEW, DT)
-BANDS, BLOCKS = PARAMS.bands, PARAMS.blocks
+VIEW = floor_view(RIG)
+TABLES = RangingControl(RIG, DT).tables
 LEVEL = 0.18
 
 
@@ -74,7 +67,7 @@ def test_motion_of_the_cells_against_its_definition():
     left, right = torch.rand(2, 3, 3, 480, 640, generator=generator)
     control, state, cells = RangingControl(RIG, DT), None, []
     for eyes in zip(left, right, strict=True):
-        seen, state = control.see(as_frames(*eyes), state)
+        seen, _, state = control.see(as_frames(*eyes), state)
         cells.append(seen)
     cells = np.stack(cells)
     assert cells.shape == (3, 4, BANDS, BLOCKS)
@@ -129,7 +122,7 @@ DEPTH = VIEW.depth
 
 def both_eyes(frames):
     """What both see in every cell, `[2, bands, blocks]`."""
-    cells, _ = RangingControl(RIG, DT).see(as_frames(*(eye[0] for eye in frames)))
+    cells, _, _ = RangingControl(RIG, DT).see(as_frames(*(eye[0] for eye in frames)))
     return cells[2:]
 
 
@@ -187,7 +180,7 @@ CONTROL = RangingControl(RIG, DT)
 
 @pytest.mark.parametrize("gain", [0.83, 0.97, 1.1, 1.9])
 def test_the_gain_is_what_all_cells_share(gain):
-    before = (0.3 + 0.4 * np.random.default_rng(0).random(VIEW.shape[1])).astype(np.float32)
+    before = (0.3 + 0.4 * np.random.default_rng(0).random(VIEW.shape)).astype(np.float32)
     now = before * np.float32(gain)
     assert illumination_gain(now, before, BANDS, BLOCKS) == pytest.approx(gain, rel=1e-5)
     # What fills less than half of the cells does not matter.
@@ -195,16 +188,19 @@ def test_the_gain_is_what_all_cells_share(gain):
     assert illumination_gain(now, before, BANDS, BLOCKS) == pytest.approx(gain, rel=1e-5)
 
 
+def asked(control, **changes):
+    """What a controller looks for after its command, in a state with some parts changed."""
+    pose, looks = Pose(0.0, 0.0, 0.0), []
+    state = control.start(None, pose)._replace(**changes)
+    control.look_again(state, pose, lambda: looks.append("ahead"), lambda: looks.append("near") or NOWHERE)
+    return looks
+
+
 def test_it_looks_ahead_every_so_often_and_near_in_turns_alone():
-    control = RangingControl(RIG, DT)
-    state = control.start(None, Pose(0.0, 0.0, 0.0))
-    turning = state._replace(mode=TURN)
-    looks = [control.sensing_requests(turning._replace(age=age)) for age in range(20)]
-    assert [age for age, look in enumerate(looks) if look.ahead] == [0, 5, 10, 15]
+    looks = [asked(CONTROL, mode=TURN, age=age) for age in range(20)]
     # Not both in one step, unless every step has one.
-    assert [age for age, look in enumerate(looks) if look.near] == [2, 7, 12, 17]
-    assert RangingControl(RIG, 0.2).sensing_requests(turning) == (True, True)
+    assert looks == 4 * [["ahead"], [], ["near"], [], []]
+    assert asked(RangingControl(RIG, 0.2), mode=TURN) == ["ahead", "near"]
     for mode in (CRUISE, REVERSE):
-        driving = [state._replace(mode=mode, age=age) for age in (5, 7)]
-        assert [tuple(control.sensing_requests(each)) for each in driving] == [(True, False), (False, False)]
-    assert not any(RangingControl(RIG, DT, RangingParams(overhangs=False)).sensing_requests(turning))
+        assert [asked(CONTROL, mode=mode, age=age) for age in (5, 7)] == [["ahead"], []]
+    assert asked(RangingControl(RIG, DT, RangingParams(overhangs=False)), mode=TURN) == []

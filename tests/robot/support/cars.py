@@ -4,8 +4,7 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import Pose, StereoRig
-from ndtorch.navigation.controllers.ranging.control import BLOCKED
-from ndtorch.navigation.local_grid.grid import mark_stop
+from ndtorch.navigation.controllers.ranging._kernels import mark_scan
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
 from ndtorch_robot.navigator_runner import NavigatorRunner
@@ -82,7 +81,7 @@ def known_step(pose=(1.0, 2.0, 0.3), places=((0.8, 0.4), (-0.5, -0.6)), driven=(
     local = control.grid._replace(
         evidence=np.zeros_like(control.grid.evidence), raised=np.zeros_like(control.grid.raised)
     )
-    local = mark_stop(local, pose, ProximityScan(Obstacles(x, y), False, NOWHERE, NOWHERE), BLOCKED, params.grid)
+    local = mark_scan(local, pose, ProximityScan(Obstacles(x, y), False, NOWHERE, NOWHERE), params.grid.cell_m)
     control = control._replace(grid=local)
     runner.state = runner.state._replace(control=control, pose=Pose(*pose))
     command = DriveCommand(*driven)

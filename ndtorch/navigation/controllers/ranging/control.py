@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ndtorch.errors import InputError
+from ndtorch.navigation import local_grid
 from ndtorch.navigation.body import CRUISE_SPEED, SPOT_RADIUS
 from ndtorch.navigation.controllers.contract import (
     CRUISE,
@@ -17,58 +19,24 @@ from ndtorch.navigation.controllers.contract import (
     TURN,
     Command,
     Controller,
-    SensingRequest,
     Trace,
 )
-from ndtorch.navigation.controllers.ranging._kernels import (
-    AHEAD,
-    START_FREE_M,
-    TIGHT_LEFT,
-    TIGHT_RIGHT,
-    WIDE_LEFT,
-    WIDE_RIGHT,
-    RangingState,
-    RangingTables,
-    ranging_step,
-)
-from ndtorch.navigation.controllers.ranging.floor import (
-    FULL_RATIO,
-    MIN_NOISE,
-    FloorState,
-    FloorView,
-    floor_tables,
-    floor_view,
-    known_ratio,
-    see_floor,
-)
+from ndtorch.navigation.controllers.ranging import _kernels as kernels
+from ndtorch.navigation.controllers.ranging._kernels import FloorState, RangingState, RangingTables
+from ndtorch.navigation.controllers.ranging.floor import BLOCKS, FloorView, floor_view
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.local_grid._kernels import (
-    LINE_FROM,
-    LINE_PLACES,
-    LINE_TO,
-    GridNumbers,
-    Primitives,
-    add_ranges,
-    cell_index,
-    costs,
-    free_distances,
-)
-from ndtorch.navigation.local_grid.grid import empty_grid, empty_path, mark_obstacles, mark_stop, motion_primitives
+from ndtorch.navigation.local_grid import DrivenPath, Primitives
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.proximity import Obstacles, ProximityScan
-from ndtorch.navigation.stereo._kernels import Array, Frames, packed
+from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
+from ndtorch.navigation.stereo._kernels import Frames, packed
 from ndtorch.navigation.stereo.ranging import Ranges
-from ndtorch.navigation.stereo.rig import Rect, StereoRig
+from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.navigation.stereo.strips import at_rects, check_peak, checked
 from ndtorch.vision.temporal import smoothing_factor
 
 TAU_HIGH = 0.005
 """Time constant of the high-pass, s, as [A] has it."""
-
-RANGE_EVIDENCE, SEARCH_EVIDENCE, MISS_EVIDENCE, BLOCKED = 1.0, 2.0, 0.15, 1.9
-"""A cell with a range in it becomes blocked by the first, with one of a search by the second; a range takes the third
-from each raised cell on its line of sight; a cell is blocked from the fourth on, and known floor below -0.19."""
 
 SEARCH_INTERVAL_S, BOXED_IN_S = 0.17, 1.0
 """The right row is searched so often for what stands; a car that is boxed in forgets with the second time constant."""
@@ -97,73 +65,81 @@ class RangingControl(Controller):
         InputError: numbers out of range.
     """
 
-    name, Params, modes = "ranging", RangingParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE)
+    name = "ranging"
+    Params: ClassVar[type[Any]] = RangingParams
+    modes: ClassVar[tuple[int, ...]] = (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE)
     backend, checks_near = "numba", True
+    seen_through = 0.0
+    """Evidence that a range takes from every cell before it."""
 
-    def __init__(self, rig: StereoRig, dt: float, params: RangingParams | None = None) -> None:
+    def __init__(self, rig: StereoRig, dt: float, params: Any = None) -> None:
         super().__init__(rig, dt, params)
         if not 0 < dt < math.inf:
             raise InputError(f"dt must be a positive number of seconds, got {dt}")
-        p: RangingParams = self.params
-        self.view, self.size, self.a = floor_view(rig, p.floor), (rig.height, rig.width), smoothing_factor(TAU_HIGH, dt)
-        self.tables: RangingTables = ranging_tables(rig, p, self.view, dt)
+        self.reactive = p = self.reactive_params()
+        self.view, self.size, self.a = floor_view(rig), (rig.height, rig.width), smoothing_factor(TAU_HIGH, dt)
+        self.fields, self.blank = self.view.rects, np.zeros(self.view.shape, np.float32)
+        self.trace = Trace("free distance on arcs to the left - to the right", unit="m")
+        self.tables: RangingTables = ranging_tables(rig, p, self.view, dt, self.seen_through)
         self.spin = spin_arcs(p) if p.body.spins else None
         self.every = max(1, round(SEARCH_INTERVAL_S / dt))
-        self.sizes = sizes_of(self.start(None, Pose(0.0, 0.0, 0.0)))
 
-    @property
-    def fields(self) -> tuple[Rect, Rect]:
-        """The cells, and inward of them what the other camera needs to see the floor of its own cells again."""
-        return self.view.rects
+    def reactive_params(self) -> RangingParams:
+        """The numbers of what drives by free arcs."""
+        params: RangingParams = self.params
+        return params
 
-    @property
-    def trace(self) -> Trace:
-        """How the free distances on both sides compare."""
-        return Trace("free distance on arcs to the left - to the right", unit="m")
-
-    def see(self, frames: Frames, state: Any = None) -> tuple[Any, Any]:
-        """Cells of `see_floor`, and the state of the filters, `[2, h, w]`."""
-        view = self.view
-        grey, low = (np.empty(shape, np.float32) for shape in view.shape)
+    def see(self, frames: Frames, state: Any = None) -> tuple[Any, Any, Any]:
+        """Cells of `see_floor`, the largest of each image, and the state of the filters, `[2, h, w]`."""
+        view, blank = self.view, self.blank
         cells = np.empty((4, *view.x.shape[1:]), np.float32)
-        before, frames = low if state is None else checked(state, low.shape), at_rects(frames, view.rects, self.size)
-        check_peak(see_floor(frames, state is None, before, self.a, view.firsts, view.shift, grey, low, cells))
-        return cells, low
+        low = blank if state is None else checked(state, blank.shape)
+        frames = at_rects(frames, view.rects, self.size)
+        low, peak = kernels.see_floor(frames, state is None, low, self.a, view.reads, view.shift, cells)
+        check_peak(peak)
+        return cells, cells[:2].reshape(2, -1).max(1), low
 
-    def sides(self, seen: Any) -> Any:
-        """The largest cell of each image."""
-        return seen[:2].reshape(2, -1).max(1)
-
-    def start(self, seen: Any, pose: Pose) -> RangingState:
+    def start(self, seen: Any, pose: Pose) -> Any:
         """The state of a car that stands at a pose and knows nothing."""
         floor = FloorState(np.zeros(self.view.bands, np.float32), 0.0, 0)
-        grid = empty_grid(pose.x, pose.y, self.params.grid, self.params.overhangs)
-        return RangingState(floor, grid, empty_path(), SUPPRESSED, 0, 1.0, 0, 0.0, 0, 0.0)
+        grid = local_grid.empty_grid(pose.x, pose.y, self.reactive.grid, self.reactive.overhangs)
+        path = DrivenPath(np.zeros((local_grid.POSES, 3), np.float32), 0)
+        return RangingState(floor, grid, path, SUPPRESSED, 0, 1.0, 0, 0.0, 0, 0.0)
 
-    def step(
-        self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: RangingState
-    ) -> tuple[Command, RangingState]:
+    def step(self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: Any) -> tuple[Command, Any]:
         """Remember what is seen, measure the free arcs, decide, and limit the speed: see `ranging_step`."""
-        check_sizes(state, self.sizes)
+        self.check_sizes(state)
         places = (ranges.x, ranges.y, ranges.valid)
-        speed, curvature, after = ranging_step(seen, places, tuple(pose), tuple(driven), state, self.tables)
+        speed, curvature, after = kernels.ranging_step(seen, places, tuple(pose), tuple(driven), state, self.tables)
         command = Command(speed, curvature)
         return (command, after) if self.spin is None else self.spun(command, after, pose)
+
+    def check_sizes(self, state: RangingState) -> None:
+        """Raise `InputError` for a state of another controller: compiled code does not look at sizes."""
+        grid, size, bands = state.grid, self.reactive.grid.size_cells, self.view.bands
+        given = state.floor.level.shape, grid.evidence.shape, grid.tag.shape, state.path.poses.shape
+        wanted = (bands,), (size, size), (2, size), (local_grid.POSES, 3)
+        if given != wanted or grid.raised.size != self.reactive.overhangs * size**2:
+            raise InputError(f"state.control must have arrays of {wanted}, got {given}")
 
     def spun(self, command: Command, state: RangingState, pose: Pose) -> tuple[Command, RangingState]:
         """The command with a turn on the spot where the car would back, or cannot go on with a turn.
 
         It turns to the side that was chosen, or to the other one if only that is free, until the way ahead is clear.
         """
-        p, t = self.params, self.tables
-        if self.spin is None or state.mode not in (REVERSE, STOPPED, TURN) or state.floor.age <= t.floor.learning:
+        p, t = self.reactive, self.tables
+        if state.mode not in (REVERSE, STOPPED, TURN) or state.floor.age <= t.numbers[0]["learning"]:
             return command, state
         first = len(t.x) - len(t.arcs.x)
-        free = self.free(state, pose, t.arcs._replace(x=t.x[first:], y=t.y[first:]))[0]
-        wide, tight = (WIDE_LEFT, TIGHT_LEFT) if state.turn_side > 0 else (WIDE_RIGHT, TIGHT_RIGHT)
+        free = kernels.free_lengths(state.grid, tuple(pose), t.arcs, t.x[first:], t.y[first:], p.grid.cell_m)[0]
+        wide, tight = (
+            (kernels.WIDE_LEFT, kernels.TIGHT_LEFT)
+            if state.turn_side > 0
+            else (kernels.WIDE_RIGHT, kernels.TIGHT_RIGHT)
+        )
         if state.mode == TURN and max(free[wide], free[tight]) >= p.min_free_m:
             return command, state
-        if free[AHEAD] >= p.cruise_above_m:
+        if free[kernels.AHEAD] >= p.cruise_above_m:
             return Command(p.tight_speed_m_per_s, 0.0), state._replace(mode=TURN)
         turn = self.turn_on_spot(state, pose, state.turn_side, seen=True)
         return (command, state) if turn is None else (turn, state._replace(turn_side=math.copysign(1, turn.curvature)))
@@ -174,113 +150,105 @@ class RangingControl(Controller):
         Args:
             seen: only where the whole circle was seen free.
         """
-        assert self.spin is not None
-        around = self.free(state, pose, self.spin)[int(seen)] / self.spin.step
+        arcs, cell = self.spin, self.reactive.grid.cell_m
+        assert arcs is not None
+        around = kernels.free_lengths(state.grid, tuple(pose), arcs, arcs.x, arcs.y, cell)[int(seen)] / arcs.step
         for sign in (1.0, -1.0) if side > 0 else (-1.0, 1.0):
             if around[0 if sign > 0 else 1] > MIN_STEPS - 0.5:
                 return Command(TURN_RATE * SPOT_RADIUS, sign / SPOT_RADIUS)
         return None
 
-    def free(self, state: RangingState, pose: Pose, arcs: Primitives) -> Array:
-        """Free lengths of arcs, and those seen free, `[2, A]` m."""
-        g, size = self.tables.grid, state.grid.evidence.shape[0]
-        at = cell_index(arcs.x, arcs.y, tuple(pose), g.cell, size)
-        return free_distances(costs(state.grid, g.blocked), at, arcs, g.blocked, g.unknown)
-
-    def on_near_obstacles(self, state: RangingState, pose: Pose, scan: ProximityScan) -> RangingState:
+    def on_near_obstacles(self, state: Any, pose: Pose, scan: ProximityScan) -> Any:
         """As `Controller.on_near_obstacles`."""
-        return state._replace(grid=mark_stop(state.grid, tuple(pose), scan, BLOCKED, self.params.grid))
+        return state._replace(grid=kernels.mark_scan(state.grid, tuple(pose), scan, self.reactive.grid.cell_m))
 
-    def sensing_requests(self, state: RangingState) -> SensingRequest:
-        """As `Controller.sensing_requests`: every `SEARCH_INTERVAL_S`; in turns also what is too near to be ranged.
+    def look_again(
+        self, state: Any, pose: Pose, search: Callable[[], Ranges | None], near: Callable[[], Obstacles]
+    ) -> Any:
+        """As `Controller.look_again`: searches every `SEARCH_INTERVAL_S`; in turns also for what is too near to range.
 
         No frame has both, as long as there is one between: the longest step counts.
         """
-        since = state.age % self.every
-        near = since == self.every // 2 and state.mode == TURN
-        return SensingRequest(since == 0, near) if self.params.overhangs else SensingRequest()
-
-    def on_extra_ranges(
-        self, state: RangingState, pose: Pose, ranges: Ranges | None, obstacles: Obstacles | None
-    ) -> RangingState:
-        """As `Controller.on_extra_ranges`."""
-        grid, g = state.grid, self.tables.grid
+        if not self.reactive.overhangs:
+            return state
+        since, grid, numbers = state.age % self.every, state.grid, self.tables.numbers
+        ranges = search() if since == 0 else None
         if ranges is not None:
-            raised = grid.raised.copy()
-            add_ranges(raised, (ranges.x, ranges.y, ranges.valid), tuple(pose), g, SEARCH_EVIDENCE, g.miss)
-            grid = grid._replace(raised=raised.clip(-g.least, g.most))
-        if obstacles is not None:
-            grid = mark_obstacles(grid, tuple(pose), *obstacles, RANGE_EVIDENCE, self.params.grid)
+            grid = kernels.mark_raised(grid, tuple(pose), (ranges.x, ranges.y, ranges.valid), numbers)
+        if since == self.every // 2 and state.mode == TURN:
+            grid = kernels.mark_near(grid, tuple(pose), *near(), numbers)
         return state._replace(grid=grid)
 
-    def can_resume(self, state: RangingState) -> bool:
+    def can_resume(self, state: Any) -> bool:
         """As `Controller.can_resume`: it knows its floor."""
-        return state.floor.age > self.tables.floor.learning and bool((state.floor.level > 0).all())
+        return bool(state.floor.age > self.tables.numbers[0]["learning"] and (state.floor.level > 0).all())
 
-    def status_message(self, state: RangingState) -> str | None:
+    def status_message(self, state: Any) -> str | None:
         """As `Controller.status_message`."""
-        floor, noisy = state.floor, state.floor.noise > MIN_NOISE
-        if state.mode == STOPPED and floor.age <= self.tables.floor.standing:
+        floor, noisy = state.floor, state.floor.noise > kernels.MIN_NOISE
+        if state.mode == STOPPED and floor.age <= self.tables.numbers[0]["standing"]:
             why = ", and the images are noisy" if noisy else ": an obstacle, or a floor that shows too little"
-            return f"it cannot begin: less than {START_FREE_M} body units of floor are seen free ahead{why}"
-        known = known_ratio(floor, self.tables.floor)
+            return f"it cannot begin: less than {kernels.START_FREE_M} body units of floor are seen free ahead{why}"
+        known = kernels.known_ratio(floor, self.tables)
         why = "the images are noisy" if noisy else "the floor shows little, or it is dark"
-        return None if known >= FULL_RATIO else f"floor is told from noise in {100 * known:.0f} % of the view: {why}"
-
-    def mode(self, state: RangingState) -> int:
-        """What the car is doing; `SUPPRESSED` is the start, `STOPPED` boxed in."""
-        return state.mode
-
-    def difference(self, state: RangingState) -> float:
-        """Length of the free arcs on the left minus the right, m."""
-        return state.difference
+        return (
+            None
+            if known >= kernels.FULL_RATIO
+            else f"floor is told from noise in {100 * known:.0f} % of the view: {why}"
+        )
 
     def warm_up(self) -> None:
-        """Search results go into the grid by a function of their own."""
+        """Results of searches go into the grid by functions of their own."""
         none, pose = np.zeros(1, np.float32), Pose(0.0, 0.0, 0.0)
-        self.on_extra_ranges(
-            self.start(None, pose), pose, Ranges(none, none, none, none, none, none > 0), Obstacles(none, none)
-        )
+        state = self.start(None, pose)
+        self.on_near_obstacles(state, pose, ProximityScan(NOWHERE, True, NOWHERE, NOWHERE))
+        if self.reactive.overhangs:
+            ranges = Ranges(none, none, none, none, none, none > 0)
+            for age in (0, self.every // 2):
+                self.look_again(state._replace(age=age, mode=TURN), pose, lambda: ranges, lambda: NOWHERE)
 
 
 def ranging_tables(
-    rig: StereoRig, params: RangingParams, view: FloorView, dt: float, seen_through: float = 0.0
+    rig: StereoRig, params: RangingParams, view: FloorView, dt: float, seen_through: float
 ) -> RangingTables:
-    """All that is fixed of a step.
-
-    Args:
-        seen_through: evidence that a range takes from every cell before it.
-    """
+    """All that is fixed of a step."""
     p, g = params, params.grid
     wide, tight = 1 / p.turn_radius_m, 1 / p.tight_radius_m
     arcs = [(0.0, 1), (wide, 1), (tight, 1), (-wide, 1), (-tight, 1), (-tight, -1), (0.0, -1), (tight, -1)]
     longest = math.floor(min(1.6, g.reach - 0.5) / g.cell_m) * g.cell_m
-    primitives = motion_primitives(arcs, p.body, p.safety_margin_m, longest, g.cell_m, CRUISE_SPEED * p.body.reaction_s)
+    primitives = local_grid.motion_primitives(
+        arcs, p.body, p.safety_margin_m, longest, g.cell_m, CRUISE_SPEED * p.body.reaction_s
+    )
     along, across = np.linspace(-0.4, 0.4, 6) * p.body.length_m, np.linspace(-0.4, 0.4, 5) * p.body.width_m
     x, y = np.meshgrid(along, across, indexing="ij")
-    grid = GridNumbers(
-        cell=float(g.cell_m),
-        keep=math.exp(-dt / g.lifetime_s),
-        fade=math.exp(-dt / BOXED_IN_S),
-        reach=float(g.reach),
-        least=float(g.max_free_evidence),
-        most=float(g.max_evidence),
-        range_weight=RANGE_EVIDENCE,
-        blocked=BLOCKED,
-        unknown=-0.1 * BLOCKED,
-        beam_forward=float(rig.forward),
-        beam_left=rig.baseline / 2,
-        miss=MISS_EVIDENCE,
-        seen_through=float(seen_through),
-        cells_per_m=(LINE_TO - LINE_FROM) / (LINE_PLACES - 1) / g.cell_m,
-    )
+    standing = round(kernels.STANDING_S / dt)
+    derived = {
+        "tight_speed": p.tight_speed_m_per_s,
+        "reverse_speed": p.reverse_speed_m_per_s,
+        "dt": float(dt),
+        "keep": math.exp(-dt / g.lifetime_s),  # shares of the evidence that stay, as a rule and boxed in
+        "fade": math.exp(-dt / BOXED_IN_S),
+        "reach": float(g.reach),
+        "forward": float(rig.forward),  # origin of the lines of sight
+        "beam_left": 0.0 if seen_through else rig.baseline / 2,
+        "seen_through": float(seen_through),
+        "points_per_m": (local_grid.LINE_TO - local_grid.LINE_FROM) / (local_grid.LINE_PLACES - 1) / g.cell_m,
+        "yaw": float(rig.focal * dt),
+        "standing": standing,  # time steps until the car begins, and until it knows its floor
+        "learning": standing + max(1, round(kernels.LEARNING_S / dt)),
+        "adaptation": dt / kernels.ADAPTATION_S / (2 * BLOCKS),
+    }
+    cells, under = (view.x.ravel(), view.y.ravel()), (x.ravel(), y.ravel())
+    places = np.concatenate((cells, under, primitives[2:4]), 1).astype(np.float32)
     return RangingTables(
-        floor_tables(rig, p.floor, p.speed_m_per_s, view, dt),
-        grid,
+        packed(p, g, **derived),
+        ((view.sweep * dt) ** 2).astype(np.float32),
+        # Far floor is finer than a pixel and gives less; before its own level is learned this is a fair guess.
+        (1.0 - 0.5 * (view.depth - 1.2)).clip(0.3, 1.0).astype(np.float32),
+        (-np.expm1(-view.sweep * dt * p.speed_m_per_s / kernels.SATURATION_PX)).astype(np.float32),
         primitives,
-        packed(p, tight_speed=p.tight_speed_m_per_s, reverse_speed=p.reverse_speed_m_per_s, dt=float(dt)),
-        np.concatenate((view.x.ravel(), x.ravel(), primitives.x)).astype(np.float32),
-        np.concatenate((view.y.ravel(), y.ravel(), primitives.y)).astype(np.float32),
+        places[0],
+        places[1],
         x.size,
     )
 
@@ -288,18 +256,6 @@ def ranging_tables(
 def spin_arcs(params: RangingParams) -> Primitives:
     """Half a turn on the spot to the left, and one to the right."""
     arcs, step = [(1 / SPOT_RADIUS, 1), (-1 / SPOT_RADIUS, 1)], SPOT_RADIUS * math.pi / STEPS
-    turns = motion_primitives(arcs, params.body, params.safety_margin_m, SPOT_RADIUS * math.pi, step)
+    turns = local_grid.motion_primitives(arcs, params.body, params.safety_margin_m, SPOT_RADIUS * math.pi, step)
     # All of the outline swings into what the cameras have not ahead of them.
     return turns._replace(leading=turns.x.size // (len(arcs) * STEPS))
-
-
-def sizes_of(state: RangingState) -> tuple[Any, ...]:
-    """Of the arrays of a state."""
-    grid = state.grid
-    return state.floor.level.shape, grid.evidence.shape, grid.tag.shape, grid.raised.shape, state.path.poses.shape
-
-
-def check_sizes(state: RangingState, sizes: tuple[Any, ...]) -> None:
-    """Raise `InputError` for a state of another controller: compiled code does not look at sizes."""
-    if sizes_of(state) != sizes:
-        raise InputError(f"state.control must have arrays of {sizes}, got {sizes_of(state)}")

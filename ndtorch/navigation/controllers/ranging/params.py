@@ -5,37 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ndtorch.arguments import check_numbers
-from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body
-from ndtorch.navigation.local_grid.grid import LocalGridParams
-
-
-@dataclass(frozen=True)
-class FloorParams:
-    """The patches of floor that are seen.
-
-    Args:
-        near_m: Depth from the cameras from which on the floor is seen.
-        far_m: Depth up to which the floor is seen, rounded to whole bands.
-        bands: Bands of rows of a patch, nearest first.
-        blocks: Blocks of columns of a patch, outermost first.
-        tolerance_ratio: A cell shows something else than floor when its output is more than this factor below or above
-            what the floor gave lately at this speed.
-
-    Raises:
-        InputError: A number is out of range.
-    """
-
-    near_m: float = 0.65
-    far_m: float = 1.38
-    bands: int = 14
-    blocks: int = 8
-    tolerance_ratio: float = 2.1
-
-    def __post_init__(self) -> None:
-        check_numbers(self, positive=vars(self))
-        if not (self.near_m < self.far_m and self.tolerance_ratio > 1 and self.bands >= 2):
-            raise InputError(f"expected near_m < far_m, bands >= 2 and tolerance_ratio > 1, got {self}")
+from ndtorch.navigation.local_grid import LocalGridParams
 
 
 @dataclass(frozen=True)
@@ -54,7 +25,6 @@ class RangingParams:
         overhangs: What was ranged stays in the path although floor is seen there, as below sofas.
         body: Outline of the car.
         grid: Parameters of the local grid.
-        floor: Parameters of the view of the floor.
 
     Raises:
         InputError: A number is not positive.
@@ -71,7 +41,6 @@ class RangingParams:
     overhangs: bool = True
     body: Body = field(default_factory=Body)
     grid: LocalGridParams = field(default_factory=LocalGridParams)
-    floor: FloorParams = field(default_factory=FloorParams)
 
     def __post_init__(self) -> None:
         check_numbers(self, positive=vars(self))

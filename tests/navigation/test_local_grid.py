@@ -9,10 +9,22 @@ from hypothesis import strategies as st
 
 from ndtorch.navigation import Pose
 from ndtorch.navigation.body import Body
-from ndtorch.navigation.local_grid._kernels import cell_index, free_distances, move_grid
-from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid, motion_primitives
+from ndtorch.navigation.local_grid import (
+    LocalGridParams,
+    cell_index,
+    empty_grid,
+    free_distances,
+    motion_primitives,
+    move_grid,
+)
 
 PARAMS = LocalGridParams(cell_m=0.1, size_cells=32)
+
+
+def cells_at(pose, x, y, params):
+    """Numbers of the cells that hold points of the body frame."""
+    points = (np.asarray(part, np.float32) for part in (x, y))
+    return cell_index(*points, pose, params.cell_m, params.size_cells)
 
 
 def world(place, here):
@@ -99,6 +111,17 @@ def test_free_travel_against_moved_rectangles(x, y):
         offsets = (-0.155, -0.08, 0.0, 0.08, 0.155)
         lengths = [first_touch(curvature, direction, x + dx, y + dy) for dx in offsets for dy in offsets]
         assert min(lengths) - 0.081 <= float(found[k]) <= max(lengths) + 0.081
+
+
+@pytest.mark.parametrize("heading", [0.0, math.pi / 2, math.pi, -math.pi / 2])
+def test_a_wall_on_the_border_of_cells_is_not_missed(heading):
+    """The outline reaches four cells ahead: at every step its places lie on borders, too."""
+    params, here, y = LocalGridParams(cell_m=0.08, size_cells=64), (0.0, 0.0, heading), np.linspace(-0.2, 0.2, 11)
+    at = cell_index(TABLE.x, TABLE.y, here, params.cell_m, params.size_cells)
+    for wall in 0.08 * np.arange(6, 20):
+        grid = empty_grid(0.0, 0.0, params)
+        grid.evidence.reshape(-1)[cells_at(here, np.full(11, wall), y, params)] = 3
+        assert wall - 0.401 <= float(free_distances(grid.evidence, at, TABLE, 2.0, 2.0)[0, 0]) <= wall - 0.319
 
 
 def test_what_was_not_seen_free_stops_the_bumper_ahead_and_the_whole_outline_backward():

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from ndtorch.navigation import Pose
-from ndtorch.navigation.local_grid._kernels import POSES, SPACING, DrivenPath, pure_pursuit_back, record
-from ndtorch.navigation.local_grid.grid import empty_path
+from ndtorch.navigation.local_grid import POSES, SPACING, DrivenPath, pure_pursuit_back, record
 from ndtorch.navigation.odometry import arc
 
 DT, TIGHT = 1 / 30, 2.0
@@ -23,7 +22,7 @@ def drive(path, pose, moves):
 
 
 def started(x=0.0, y=0.0, heading=0.0):
-    return record(empty_path(), (x, y, heading), 0.0), Pose(x, y, heading)
+    return record(behind(0), (x, y, heading), 0.0), Pose(x, y, heading)
 
 
 def test_it_is_as_long_as_the_way_up_to_its_end():

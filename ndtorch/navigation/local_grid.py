@@ -1,16 +1,68 @@
-"""Compiled: the rolling grid of evidence, free distances along motion primitives, and the path to back out on."""
+"""The rolling grid of evidence around a car, free distances along arcs, and the path to back out on."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ndtorch.arguments import check_numbers
+from ndtorch.errors import InputError
+from ndtorch.navigation.body import Body
 from ndtorch.utils.jit import jit
 
 Array = Any
 """A NumPy array."""
+
+Place = tuple[float, float, float]
+"""x and y, m, and heading, radians."""
+
+LINE_FROM, LINE_TO, LINE_PLACES = 0.15, 0.88, 24
+"""From and up to which ratio of a range its line of sight counts as seen through, and how many points of it."""
+
+BORDER = 1e-4
+"""Points are moved by this ratio of a cell, so that one on a border is in the cell above it however it was rounded."""
+
+SPACING, POSES, LOOKAHEAD_POSES = 0.05, 70, 4
+"""Metres from one pose of the path to the next, how many are kept, and how many a car that goes back looks ahead."""
+
+MAX_OFFSET_M, MAX_TURN_RAD, PASSED_M = 0.06, 0.25, 0.01
+"""A car that backs farther beside the path than this, or is turned more against it, has left it; and the distance
+before which a pose is passed."""
+
+
+@dataclass(frozen=True)
+class LocalGridParams:
+    """A square of square cells that moves with the car.
+
+    Args:
+        cell_m: Side of a cell.
+        size_cells: Number of cells along a side, a power of two; what lies beyond is forgotten.
+        lifetime_s: Time in which evidence falls to 1/e.
+        max_evidence: Limit of the evidence of an obstacle, so that a few frames can free a cell.
+        max_free_evidence: Limit of the evidence of free floor, so that four frames can block a cell.
+
+    Raises:
+        InputError: A number is out of range.
+    """
+
+    cell_m: float = 0.08
+    size_cells: int = 64
+    lifetime_s: float = 10.0
+    max_evidence: float = 5.0
+    max_free_evidence: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self, endless=["lifetime_s"], positive=vars(self))
+        if not (self.size_cells >= 2 and self.size_cells & (self.size_cells - 1) == 0):
+            raise InputError(f"size_cells must be a power of two, got {self.size_cells}")
+
+    @property
+    def reach(self) -> float:
+        """Points nearer than this along either axis are inside, m."""
+        return (self.size_cells // 2 - 1) * self.cell_m
 
 
 class LocalGrid(NamedTuple):
@@ -40,37 +92,6 @@ class DrivenPath(NamedTuple):
     size: int
 
 
-class GridNumbers(NamedTuple):
-    """What updates a `LocalGrid`.
-
-    Attributes:
-        cell: side of a cell, m.
-        keep, fade: shares of the evidence that stay after a step, as a rule and while the car is boxed in.
-        reach: ranges nearer than this along both axes are added, m.
-        least, most: bounds of the evidence of a cell.
-        range_weight: evidence of a range.
-        blocked, unknown: evidence from which a cell blocks, and from which it was not seen free.
-        beam_forward, beam_left: origin of the lines of sight, m.
-        miss, seen_through: evidence that a range takes from each cell before it, in `raised` and in `evidence`.
-        cells_per_m: cells between two places of a line of sight, for each metre of range.
-    """
-
-    cell: float
-    keep: float
-    fade: float
-    reach: float
-    least: float
-    most: float
-    range_weight: float
-    blocked: float
-    unknown: float
-    beam_forward: float
-    beam_left: float
-    miss: float
-    seen_through: float
-    cells_per_m: float
-
-
 class Primitives(NamedTuple):
     """Places that the outline of the car passes along arcs, body frame.
 
@@ -92,14 +113,63 @@ class Primitives(NamedTuple):
     step: float
 
 
-LINE_FROM, LINE_TO, LINE_PLACES = 0.15, 0.88, 24
-"""From and up to which ratio of a range its line of sight counts as seen through, and how many points of it."""
+def empty_grid(x: float, y: float, params: LocalGridParams, raised: bool = False) -> LocalGrid:
+    """Nothing is known around a car at x, y, m; what is raised may be kept apart."""
+    size = params.size_cells
+    above = np.zeros((size, size) if raised else (0, 0), np.float32)
+    return LocalGrid(np.zeros((size, size), np.float32), tags(float(x), float(y), params.cell_m, size), above)
+
+
+def unrolled(evidence: Array, x: float, y: float, params: LocalGridParams) -> tuple[Array, float, float]:
+    """Evidence `[size, size]` as rows of y and columns of x around a point, both growing, and its lower left corner."""
+    size, half = params.size_cells, params.size_cells // 2
+    left, bottom = (math.floor(v / params.cell_m) - half + 1 for v in (x, y))
+    cells = np.roll(evidence, (-left % size, -bottom % size), (0, 1)).T
+    return np.ascontiguousarray(cells), left * params.cell_m, bottom * params.cell_m
+
+
+def motion_primitives(
+    arcs: list[tuple[float, int]],
+    body: Body,
+    margin: float,
+    longest: float,
+    step: float = 0.08,
+    lag: float = 0.0,
+) -> Primitives:
+    """Outlines along arcs of (curvature, +1 forward or -1 backward).
+
+    The bumper on the leading side and both flanks are followed; places are at most a step apart, so that no
+    cell of that size is missed.
+
+    Args:
+        margin: kept free around the body, m.
+        longest: of the arcs, m.
+        lag: the car goes on straight for this long before its wheels have turned, m.
+    """
+    steps = round(longest / step)
+    wide, ahead = body.width_m / 2 + margin, body.length_m / 2 + margin
+    across = np.linspace(-wide, wide, math.ceil(2 * wide / step - 1e-9) + 1)
+    flank = np.linspace(-ahead, ahead, math.ceil(2 * ahead / (2 * step)) + 1)[:-1]
+    px = np.concatenate((np.full_like(across, ahead), flank, flank))
+    py = np.concatenate((across, np.full_like(flank, wide), np.full_like(flank, -wide)))
+    s = step * np.arange(1, steps + 1)
+    # Driving backward along an arc mirrors the path that driving forward along it takes.
+    curvature, direction = np.array(arcs).T[:, :, None]
+    bent = (s - lag).clip(min=0.0)
+    turned = curvature * bent
+    chord = bent * np.sinc(turned / 2 / math.pi)
+    x, y = s - bent + chord * np.cos(turned / 2), chord * np.sin(turned / 2)
+    cos, sin = np.cos(turned)[..., None], np.sin(turned)[..., None]
+    xs = direction[..., None] * (x[..., None] + cos * px - sin * py)
+    places = curvature, direction, xs, y[..., None] + sin * px + cos * py
+    bends, forward, xs, ys = (part.ravel().astype(np.float32) for part in places)
+    return Primitives(bends, forward, xs, ys, len(across), steps, step)
 
 
 @jit
-def in_cells(pose: tuple[float, float, float], cell: float) -> tuple[float, float, float, float]:
+def in_cells(pose: Place, cell: float) -> tuple[float, float, float, float]:
     """Cosine and sine of a heading, and x and y of a pose, all over the side of a cell."""
-    return math.cos(pose[2]) / cell, math.sin(pose[2]) / cell, pose[0] / cell, pose[1] / cell
+    return math.cos(pose[2]) / cell, math.sin(pose[2]) / cell, pose[0] / cell + BORDER, pose[1] / cell + BORDER
 
 
 @jit
@@ -111,7 +181,7 @@ def cell_of(x: float, y: float, pose: tuple[float, float, float, float], size: i
 
 
 @jit
-def cell_index(x: Array, y: Array, pose: tuple[float, float, float], cell: float, size: int) -> Array:
+def cell_index(x: Array, y: Array, pose: Place, cell: float, size: int) -> Array:
     """Numbers, row after row, of the cells that hold points `[n]` of the body frame."""
     here, at = in_cells(pose, cell), np.empty(x.shape[0], np.int32)
     for k in range(at.shape[0]):
@@ -130,7 +200,7 @@ def tags(x: float, y: float, cell: float, size: int) -> Array:
 
 
 @jit
-def move_grid(grid: LocalGrid, pose: tuple[float, float, float], cell: float, keep: float) -> LocalGrid:
+def move_grid(grid: LocalGrid, pose: Place, cell: float, keep: float) -> LocalGrid:
     """Forget what has left the square, and of the rest all but the ratio `keep`."""
     size = grid.tag.shape[1]
     tag = tags(pose[0], pose[1], cell, size)
@@ -149,8 +219,8 @@ def bound(evidence: Array, least: float, most: float) -> None:
 def add_ranges(
     evidence: Array,
     ranges: tuple[Array, Array, Array],
-    pose: tuple[float, float, float],
-    numbers: GridNumbers,
+    pose: Place,
+    numbers: Array,
     weight: float,
     miss: float,
 ) -> None:
@@ -159,22 +229,23 @@ def add_ranges(
     Args:
         evidence: `[size, size]`, changed in place.
         ranges: x and y, m, and valid, `[n]`, body frame.
+        numbers: packed, with `cell_m`, `reach`, `forward`, `beam_left` and `points_per_m`.
         weight, miss: evidence of a range, and what it takes from each cell of its line of sight.
     """
-    size, here = evidence.shape[0], in_cells(pose, numbers.cell)
+    p, size, here = numbers[0], evidence.shape[0], in_cells(pose, numbers[0].cell_m)
     x, y, valid = ranges
     for i in range(x.shape[0]):
         if not valid[i]:
             continue
-        if max(abs(x[i]), abs(y[i])) < numbers.reach:
+        if max(abs(x[i]), abs(y[i])) < p.reach:
             evidence[cell_of(x[i], y[i], here, size)] += weight
         if miss > 0:
-            dx, dy = x[i] - numbers.beam_forward, y[i] - numbers.beam_left
+            dx, dy = x[i] - p.forward, y[i] - p.beam_left
             # Those of its points that share a cell take that much together.
-            taken = miss * min(math.hypot(dx, dy) * numbers.cells_per_m, 1.0)
+            taken = miss * min(math.hypot(dx, dy) * p.points_per_m, 1.0)
             for k in range(LINE_PLACES):
                 ratio = LINE_FROM + k * (LINE_TO - LINE_FROM) / (LINE_PLACES - 1)
-                at = cell_of(numbers.beam_forward + dx * ratio, numbers.beam_left + dy * ratio, here, size)
+                at = cell_of(p.forward + dx * ratio, p.beam_left + dy * ratio, here, size)
                 evidence[at] -= taken
 
 
@@ -221,27 +292,8 @@ def free_distances(cost: Array, at: Array, arcs: Primitives, blocked: float, unk
     return out
 
 
-SPACING = 0.05
-"""Metres from one pose of the path to the next."""
-
-POSES = 70
-"""How many are kept: 3.5 m."""
-
-LOOKAHEAD_POSES = 4
-"""The car that goes back steers towards the pose so many behind the last."""
-
-MAX_OFFSET_M, MAX_TURN_RAD = 0.06, 0.25
-"""A car that backs farther beside the path than this, or is turned more against it, has left it."""
-
-PASSED_M = 0.01
-"""Metres before which a pose is passed; and twice that is too near to steer towards."""
-
-NEAREST_SQUARED = 0.01
-"""The square of the nearest distance, m^2, for which a curvature is worked out."""
-
-
 @jit
-def record(path: DrivenPath, pose: tuple[float, float, float], speed: float) -> DrivenPath:
+def record(path: DrivenPath, pose: Place, speed: float) -> DrivenPath:
     """The path after a step: forward it grows, and going back takes off what is passed.
 
     A car that goes back beside it has left the path, and begins another one there.
@@ -262,11 +314,11 @@ def record(path: DrivenPath, pose: tuple[float, float, float], speed: float) -> 
 
 
 @jit
-def pure_pursuit_back(path: DrivenPath, pose: tuple[float, float, float], max_curvature: float) -> tuple[float, float]:
+def pure_pursuit_back(path: DrivenPath, pose: Place, max_curvature: float) -> tuple[float, float]:
     """How far the path leads back, m, and the curvature of the arc to a point 0.2 m behind on it [Coulter 1992]."""
     steps = max(path.size - 1, 0)
     at = path.poses[min(steps, LOOKAHEAD_POSES)]
     cos, sin, ahead, aside = math.cos(pose[2]), math.sin(pose[2]), at[0] - pose[0], at[1] - pose[1]
     x, y = cos * ahead + sin * aside, cos * aside - sin * ahead
-    bend = min(max(2 * y / max(x * x + y * y, NEAREST_SQUARED), -max_curvature), max_curvature)
+    bend = min(max(2 * y / max(x * x + y * y, 0.01), -max_curvature), max_curvature)
     return steps * SPACING, bend if x < -2 * PASSED_M else 0.0
