@@ -147,7 +147,6 @@ class StereoBag:
 
 
 def messages(reader: AnyReader, topics: list[str]) -> Iterator[tuple[str, Any]]:
-    """Topic and message, in the order in which they were recorded."""
     chosen = [connection for connection in reader.connections if connection.topic in topics]
     for connection, _, data in reader.messages(connections=chosen) if chosen else ():
         yield connection.topic, reader.deserialize(data, connection.msgtype)

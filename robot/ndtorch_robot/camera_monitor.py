@@ -142,7 +142,6 @@ class CameraMonitor:
         return None
 
     def judge_contrast(self, pair: list[Strips]) -> Fault | None:
-        """Count images without content and pairs that are lit unequally; a good one cancels a bad one."""
         means = []
         for k, (field, row) in enumerate(pair):
             row_blocks, field_blocks = blocks(row, 1), blocks(field, BLOCK)

@@ -188,7 +188,6 @@ class Car:
                 observer(record)
 
     def report_trouble(self) -> None:
-        """Report why the navigator stops or drives slowly, once for each reason that lasts."""
         trouble = self.runner.trouble() if self.runner.mode() == STOPPED else None
         reason, since = self.reason
         self.reason = (trouble, since + 1 if trouble == reason else 1)

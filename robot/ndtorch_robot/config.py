@@ -51,33 +51,28 @@ class RobotOptions(NavigatorOptions):
 
     @cached_property
     def robot_config(self) -> RunConfig | None:
-        """The file of the robot; None for the car of [A]."""
         from ndtorch_robot.run_config import read_run_config
 
         return None if self.robot is None else read_run_config(self.robot)
 
     @property
     def rate(self) -> float:
-        """Frames a second."""
         return RATE if self.robot_config is None else self.robot_config.rate_hz
 
     @property
     def body(self) -> Body:
-        """The body of the robot."""
         from ndtorch_robot.sim.simulation import BODY
 
         return BODY if self.robot_config is None else self.robot_config.body
 
     @property
     def stereo_rig(self) -> StereoRig:
-        """The cameras of the robot."""
         from ndtorch_robot.sim.simulation import RIG
 
         return RIG if self.robot_config is None else self.robot_config.stereo_rig
 
     @property
     def limits(self) -> SafetyLimits:
-        """Limits of the safety layer."""
         from ndtorch_robot.safety import SafetyLimits
 
         if self.robot_config is not None:
@@ -122,7 +117,6 @@ class DriveConfig(RobotOptions):
 
     @cached_property
     def disturbance_values(self) -> Disturbances:
-        """What `disturbance` says."""
         from ndtorch_robot.sim.disturbances import read_disturbances
 
         return read_disturbances(self.disturbance)

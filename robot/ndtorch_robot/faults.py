@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import Enum, auto
 from typing import NamedTuple
 
 
@@ -10,28 +10,28 @@ class FaultKind(Enum):
     """Kind of a fault.
 
     Attributes:
-        words: description.
         auto_recover: the car drives on by itself once all has been well for long enough. Otherwise a person must
             resume it: a stationary car cannot see whether a frozen image moves again, and what a person or the drive
             has stopped is theirs to start.
     """
 
-    MISSING = "a camera gives no frame", True
-    TIMES = "the times of frames do not increase, or lie ahead", True
-    AGE = "the frames are old", True
-    SLOW = "the cameras give too few frames", True
-    SHAPE = "the frames are of a wrong size or type", True
-    BLACK = "a camera sees black", True
-    BLANK = "a camera shows nothing", True
-    UNEQUAL = "the cameras are lit unequally", True
-    FROZEN = "a camera gives the same image", False
-    SILENCE = "a step took too long", True
-    COMMAND = "a command is not finite", False
-    DRIVE = "the drive has reported a fault", False
-    EMERGENCY = "somebody has stopped the car", False
+    MISSING = auto()  # a camera gives no frame
+    TIMES = auto()  # the times of frames do not increase, or lie ahead
+    AGE = auto()  # the frames are old
+    SLOW = auto()  # the cameras give too few frames
+    SHAPE = auto()  # the frames are of a wrong size or type
+    BLACK = auto()  # a camera sees black
+    BLANK = auto()  # a camera shows nothing
+    UNEQUAL = auto()  # the cameras are lit unequally
+    FROZEN = auto()  # a camera gives the same image
+    SILENCE = auto()  # a step took too long
+    COMMAND = auto()  # a command is not finite
+    DRIVE = auto()  # the drive has reported a fault
+    EMERGENCY = auto()  # somebody has stopped the car
 
-    def __init__(self, words: str, auto_recover: bool) -> None:
-        self.words, self.auto_recover = words, auto_recover
+    @property
+    def auto_recover(self) -> bool:
+        return self not in (FaultKind.FROZEN, FaultKind.COMMAND, FaultKind.DRIVE, FaultKind.EMERGENCY)
 
 
 class Fault(NamedTuple):

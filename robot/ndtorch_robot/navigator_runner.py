@@ -115,7 +115,6 @@ class NavigatorRunner:
             command, rest = self.navigator.command_first(frames.left, frames.right, start=at)
 
             def with_map() -> NavigatorState:
-                """The state after a restart, with the map of before and its localiser, at the new place."""
                 state, localiser = rest(), self.navigator.localiser
                 if before is None:
                     return state
@@ -146,7 +145,6 @@ class NavigatorRunner:
             self.state = self.state._replace(pose=pose)
 
     def trouble(self) -> str | None:
-        """Why the controller stops or drives slowly, in words; None where it has no reason to."""
         return None if self.state is None else self.navigator.controller.status_message(self.state.control)
 
     def map_cells(self) -> torch.Tensor:
@@ -176,7 +174,6 @@ class WalkedPath:
             self.cells.add((round(float(x) / APART), round(float(y) / APART)))
 
     def places(self) -> npt.NDArray[np.float64]:
-        """The places, m, `[T, 2]`."""
         return np.array(sorted(self.cells), np.float64).reshape(-1, 2) * APART
 
 
@@ -188,7 +185,6 @@ def runner_ndt_cells(runner: NavigatorRunner) -> npt.NDArray[np.float32] | None:
 
 
 def save_runner_map(folder: Path, runner: NavigatorRunner, path: WalkedPath) -> None:
-    """Write the map of a runner that makes one."""
     grid = runner.grid
     assert grid is not None
     save_map(folder, runner.map_cells(), grid, path.places(), runner_ndt_cells(runner))

@@ -110,7 +110,6 @@ class Recorder(StepThread):
         super().__init__(f"recording {path}", size, when_full, report, FLUSH_S)
 
     def __call__(self, step: Step) -> None:
-        """Put one step into the queue."""
         images, ranges, pose = self.images(step.frames), None, None
         if step.state is not None:
             # Taken here: the loop goes on to change the grid.
@@ -151,7 +150,6 @@ class Recorder(StepThread):
         self.file.close()
 
     def fail(self, words: str) -> None:
-        """Count what is not on the disk, and what comes from now on."""
         super().fail(words)
         with contextlib.suppress(OSError, ValueError):
             self.file.close()
@@ -242,7 +240,6 @@ class Recording:
 
 
 def step_of(message: Message, images: dict[str, Message]) -> Step:
-    """A message as a step, with its images; raises anything for one that cannot be used."""
     values = json.loads(ros.from_cdr(message.data, "std_msgs/msg/String").data)
     driven, wanted, sent = (DriveCommand(*finite(values[key], 2)) for key in ("driven", "wanted", "sent"))
     placed = None if values["placed"] is None else cast("Placed", tuple(finite(values["placed"], 3)))

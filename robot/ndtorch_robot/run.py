@@ -94,7 +94,6 @@ def with_disturbance(config: RunConfig, disturbance: str) -> RunConfig:
 
 
 def open_real_cameras(config: RunConfig) -> tuple[StereoCameras, StereoRig]:
-    """Two cameras by their settings, and their geometry."""
     assert config.cameras is not None
     return open_cameras(config.cameras, config.stereo_rig, lambda rig: config.navigation.fields(rig, config.body))
 

@@ -109,7 +109,6 @@ class RunConfig(Table):
     @field_validator("body", "navigation", mode="before")
     @classmethod
     def known_keys(cls, value: Any, info: ValidationInfo) -> Any:
-        """The dataclass of a table."""
         kind = {"body": Body, "navigation": NavigationTable}[str(info.field_name)]
         if isinstance(value, Mapping):
             refuse_unknown(value, kind)
@@ -144,7 +143,6 @@ class RunConfig(Table):
 
     @property
     def stereo_rig(self) -> StereoRig:
-        """The cameras on the body."""
         r = self.rig
         where = {"camera_height": r.camera_height_m, "forward": r.camera_forward_m}
         where |= {"pitch": math.radians(r.camera_pitch_deg)}

@@ -40,7 +40,6 @@ class StepThread(Closing):
         self.thread.start()
 
     def handle(self, item: Any) -> None:
-        """Do the work of an item."""
         raise NotImplementedError
 
     def idle(self) -> None:
@@ -63,7 +62,6 @@ class StepThread(Closing):
         self.dropped += 1
 
     def run(self) -> None:
-        """The thread."""
         item: Any = self
         try:
             while item is not None:
@@ -80,7 +78,6 @@ class StepThread(Closing):
             self.fail(" ".join(f"the {self.name} has ended: {reason}".split()))
 
     def fail(self, words: str) -> None:
-        """It has ended."""
         self.failed = words
         if self.report_failure is not None:
             self.report_failure(words)

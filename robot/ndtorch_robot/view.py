@@ -156,7 +156,6 @@ class View(StepThread):
         end_stream(self.stream, patience=3.0)
 
     def close(self, patience: float | None = CLOSE_TIMEOUT) -> None:
-        """Show what is waiting, but for so many seconds at most: a viewer that hangs is left behind."""
         super().close(patience)
 
     def log_fixed(self, plan: Plan | None) -> None:
@@ -177,7 +176,6 @@ class View(StepThread):
             log("floor/walls", rr.LineStrips2D(walls, colors=[GREY], radii=0.02), static=True)
 
     def show(self, now: float, step: Step, lines: tuple[str, ...], truth: Pose | None) -> None:
-        """Log a step."""
         rr, log, state, speeds = self.rr, self.stream.log, step.state, [math.nan] * 3
         self.stream.set_time("time", duration=now)
         for line in lines:
@@ -229,7 +227,6 @@ class View(StepThread):
             self.stream.log(f"floor/{name}", self.rr.LineStrips2D(strips, colors=[color], radii=-1.0))
 
     def log_map(self, state: NavigatorState) -> None:
-        """The strongest cells of the map, if there is one."""
         grid = self.runner.grid
         if grid is None or state.map is None:
             return

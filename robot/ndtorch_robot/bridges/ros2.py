@@ -94,7 +94,6 @@ class Ros2Bridge(Bridge):
             self.opening.runner.drive_to(message.pose.position.x, message.pose.position.y)
 
     def close(self) -> None:
-        """Leave the domain; what reads and writes in it is gone."""
         self.participant = self.domain = None
 
     def publisher(self, topic: str, kind: str) -> Callable[[Any], None]:

@@ -236,7 +236,6 @@ class StereoCameras(Closing):
         self.begun = True
 
     def wait_for_first(self, side: int) -> None:
-        """Wait until a camera gives its first frame."""
         reader = self.readers[side]
         with self.changed:
             self.changed.wait_for(
@@ -269,7 +268,6 @@ class StereoCameras(Closing):
         return StereoFrames(to_tensor(pair.left.image), to_tensor(pair.right.image), pair.time)
 
     def read_pair(self) -> Pair:
-        """As `read`, but the two images as they came, with their times."""
         if not self.begun:
             self.begin()
         limit, began = self.settings.max_age_ms / 1e3, time.monotonic()
@@ -303,7 +301,6 @@ class StereoCameras(Closing):
         )
 
     def check_image(self, side: int, image: Image) -> None:
-        """Raise `InputError` for a frame of another size."""
         wide, high = self.settings.width_px, self.settings.height_px
         if image.shape[:2] != (high, wide):
             size = f"{image.shape[1]}x{image.shape[0]} frames, {wide}x{high} are wanted"

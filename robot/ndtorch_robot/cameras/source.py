@@ -51,8 +51,6 @@ class CameraSettings(Strict):
     """Pixel format that is requested; with MJPG two cameras fit on a USB 2 bus, with YUYV hardly ever."""
     exposure_ms: Annotated[float, Field(gt=0, le=1000)] | None = 10.0
     """Fixed exposure, in ms; 10 ms hides the flicker of lamps on 50 Hz mains, and without a value it is automatic."""
-    gain: Annotated[float, Field(ge=0)] | None = None
-    """Fixed gain, in units of the driver; without one the camera keeps its own."""
     tolerance_ms: float = Field(16.0, gt=0, le=1000)
     """Largest difference in time of the two frames of a pair, in ms."""
     max_age_ms: float = Field(100.0, gt=0, le=10000)
@@ -181,7 +179,7 @@ def open_device(camera: Source, settings: CameraSettings) -> Capture:
 
 
 def set_up(capture: Capture, camera: Source, settings: CameraSettings) -> None:
-    """Set format, size, rate, exposure and gain, and read all of it back."""
+    """Set format, size, rate and exposure, and read all of it back."""
     # The order matters: a size is one of a pixel format, and a rate one of a size.
     code, manual = cv2.VideoWriter.fourcc(*settings.fourcc), settings.exposure_ms is not None
     wanted: dict[str, tuple[int, float]] = {
@@ -193,8 +191,6 @@ def set_up(capture: Capture, camera: Source, settings: CameraSettings) -> None:
     }
     if settings.exposure_ms is not None:
         wanted["exposure"] = cv2.CAP_PROP_EXPOSURE, round(settings.exposure_ms / EXPOSURE_UNIT_MS)
-    if settings.gain is not None:
-        wanted["gain"] = cv2.CAP_PROP_GAIN, settings.gain
     for key, value in wanted.values():
         capture.set(key, value)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 2)  # a driver that wants more takes more: nothing depends on it

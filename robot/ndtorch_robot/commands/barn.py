@@ -74,7 +74,6 @@ class Barn(RobotOptions):
         return batch.exit_code()
 
     def chosen(self, file: BarnFile) -> list[BarnWorld]:
-        """The worlds that were asked for."""
         worlds = [w for w in file.worlds if self.split == "all" or w.is_test == (self.split == "test")]
         missing = sorted(set(self.worlds) - {w.world for w in worlds})
         worlds = [w for w in worlds if not self.worlds or w.world in self.worlds]
@@ -85,7 +84,6 @@ class Barn(RobotOptions):
 
 
 def drive_world(job: tuple[BarnFile, RobotOptions], report: Callable[[float], None]) -> dict[str, Any]:
-    """Drive through the only world of a file."""
     from ndtorch_robot.barn import attempt
 
     file, options = job

@@ -113,7 +113,6 @@ class Calibrate:
                 yield pair.left.image, pair.right.image
 
     def folder_pairs(self) -> Iterator[tuple[Image, Image]]:
-        """Images of both folders in natural order."""
         import cv2
 
         from ndtorch.scenes.readers import image_files, quiet_opencv

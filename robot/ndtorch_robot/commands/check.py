@@ -76,7 +76,6 @@ class Check:
         print(words, end=end, file=sys.stderr if self.json else sys.stdout, flush=True)
 
     def ask(self, question: str) -> bool:
-        """Ask a question of yes or no; the end of the input is a no."""
         self.say(f"   {question} " + ("yes" if self.yes else "[y/n] "), end="\n" if self.yes else "")
         try:
             return self.yes or input().strip().lower() in ("y", "yes")
@@ -84,7 +83,6 @@ class Check:
             return False
 
     def cameras(self, config: RunConfig) -> bool:
-        """Check rate, images and mounting of the cameras."""
         import numpy as np
 
         from ndtorch_robot.camera_monitor import mounting_fault
@@ -110,7 +108,6 @@ class Check:
         return wrong is None and abs(rate / config.rate_hz - 1) < 0.1
 
     def link(self, drive: Drive, clock: Clock) -> bool:
-        """Round trip, battery and pulses after a second."""
         from ndtorch_robot.car import percentiles_ms
 
         clock.wait_until(clock.now() + 1.0)
@@ -132,7 +129,6 @@ class Check:
         return self.ask(question)
 
     def emergency(self, safe: SafeDrive) -> bool:
-        """Stop while driving."""
         safe.wait_for_start(go=True)
         send(safe, (CRAWL, 0.0), 1.0)
         safe.emergency("test of the emergency stop")
@@ -144,7 +140,6 @@ class Check:
 
 
 def send(safe: SafeDrive, motion: tuple[float, float], seconds: float) -> None:
-    """Ask for a speed and a curvature again and again."""
     from ndtorch_robot.ports import DriveCommand
 
     end = safe.clock.now() + seconds

@@ -65,7 +65,6 @@ class Doctor:
 
 
 def examine() -> Iterator[Finding]:
-    """All findings, the necessary ones first."""
     from ndtorch.utils.packages import NAMES
 
     yield Finding("Python", "works", f"{platform.python_version()} on {platform.platform()}")
@@ -143,7 +142,6 @@ def serial_ports() -> Iterator[Finding]:
 
 
 def preparations() -> Iterator[tuple[str, Callable[[], object]]]:
-    """What compiles all kernels, by name."""
     import torch
 
     import ndtorch

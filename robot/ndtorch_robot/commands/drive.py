@@ -81,7 +81,6 @@ class Drive(DriveConfig):
 
 
 def write_results(result: Result, folder: Path) -> None:
-    """Write all files of a drive."""
     from ndtorch.navigation.mapping.map_files import save_map
     from ndtorch.report.page import Page, Shown, command_line, versions
     from ndtorch_robot.drive import FACTS
@@ -99,7 +98,6 @@ def write_results(result: Result, folder: Path) -> None:
 
 
 def describe(result: Result) -> str:
-    """The summary in words."""
     s, times = result.summary, result.summary["step_ms"]
     kinds = {"precision": "of its mass at true edges", "surfaces": "at any surface", "recall": "of the visible edges"}
     scores = [f"{100 * s['map'][key]:.0f} % {words}" for key, words in kinds.items() if s["map"][key] is not None]

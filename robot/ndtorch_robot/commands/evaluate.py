@@ -86,7 +86,6 @@ class Evaluate(DriveConfig):
         return drives
 
     def write_tables(self, batch: Batch) -> None:
-        """Write all files and print the table."""
         from ndtorch.report.page import NAME, Page, Table, command_line, open_in_browser, versions
         from ndtorch.utils.files import write_text
         from ndtorch_robot.evaluation.table import markdown, table_of, text_cells

@@ -104,7 +104,6 @@ def drive_many(
 
 
 def digest(values: Any) -> str:
-    """Name of a result."""
     return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 

@@ -142,7 +142,6 @@ def score_map(
     rig: StereoRig,
     window: MatchParams | None = None,
 ) -> MapScore:
-    """Compare a map with the truth."""
     edges = true_edges(plan, profiles, rig.camera_height)
     if float(cells.max()) <= 0:
         return MapScore()

@@ -25,7 +25,6 @@ SURFACES = {"wall": "0.2", "blank": "0.6", "door": "#a05a2c", "jamb": "0.2", "pi
 
 
 def write_plots(result: Result, folder: Path) -> None:
-    """Write path.png and map.png."""
     save(path_plot(result), folder / "path.png")
     save(map_plot(result), folder / "map.png")
 

@@ -105,7 +105,6 @@ def pose_error(poses: Floats, true: Floats) -> tuple[Floats, Floats]:
 
 
 def grey_row(frame: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
-    """The row of a frame that is ranged, `[W]`."""
     row = frame.row if isinstance(frame, Strips) else frame[..., rig.row : rig.row + 1, :]  # type: ignore[index]
     grey: npt.NDArray[np.uint8] = np.rint(row[0, :, 0].numpy().mean(0, dtype=np.float32)).astype(np.uint8)
     return grey

@@ -45,7 +45,6 @@ def table_of(summaries: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 
 def text_cells(table: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
-    """Heads and cells as text."""
     forms = {name: FORMS.get(name, "{:.0f}" if name.endswith("%") else "{:.1f}") for name in table}
     cells = [
         [str(v) if name in WORDS else "" if pd.isna(v) else forms[name].format(v) for name, v in row.items()]

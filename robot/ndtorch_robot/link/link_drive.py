@@ -115,13 +115,11 @@ class LinkDrive(Drive):
         return sent if self.write(Type.COMMAND, command_body(sent)) else STAND
 
     def stop(self) -> None:
-        """Stop the wheels; the board does so at its next pulse, within 20 ms."""
         with self.lock:
             self.standing, self.armed = True, False
         self.write(Type.STOP)
 
     def resume(self) -> bool:
-        """Ask the board to obey again; `trouble` is None from now on unless it does not. False without a link."""
         if not self.welcomed.is_set():
             return False
         with self.lock:
@@ -131,22 +129,18 @@ class LinkDrive(Drive):
         return self.write(Type.ARM)
 
     def trouble(self) -> str | None:
-        """Why the car does not obey, other than after `stop`; None when all is well."""
         return self.fault
 
     def driven(self) -> DriveCommand:
-        """Mean of the speeds and curvatures that the board has applied since this was last asked."""
         applied = [self.applied.popleft() for _ in range(len(self.applied))]
         if not applied:
             return self.last_applied if self.welcomed.is_set() else STAND
         return DriveCommand(*(sum(values) / len(applied) for values in zip(*applied, strict=True)))
 
     def telemetry(self) -> dict[str, Any]:
-        """The telemetry of the board; `link` is why it cannot be commanded, or None."""
         return ({} if self.heard is None else self.heard.values()) | {"link": self.trouble()}
 
     def round_trips(self) -> Sequence[float]:
-        """From a heartbeat to its echo, s."""
         return self.trips
 
     # What the owner of the link calls.
@@ -171,7 +165,6 @@ class LinkDrive(Drive):
         return True
 
     def drop(self) -> None:
-        """Close the port."""
         with self.line_lock:
             port, self.port = self.port, None
         if port is not None:
@@ -199,7 +192,6 @@ class LinkDrive(Drive):
             self.write(Type.HELLO)
 
     def handle(self, data: bytes) -> None:
-        """Take bytes from the board."""
         now, parser = self.now(), self.parser
         frames = parser.feed(data)
         if parser.other_version is not None:

@@ -81,7 +81,6 @@ class MavlinkConnection:
         self.thread.start()
 
     def close(self) -> None:
-        """Give it back. Calling it again does nothing."""
         if not self.closing.is_set():
             self.closing.set()
             self.thread.join(2.0)
@@ -101,7 +100,6 @@ class MavlinkConnection:
         return self.now() - self.latest[kind][0] if kind in self.latest else math.inf
 
     def listen(self) -> None:
-        """The thread: beat, look after the drive, and keep what the autopilot sends."""
         beaten, d = -math.inf, self.dialect
         while not self.closing.is_set():
             if time.monotonic() - beaten >= HEARTBEAT_EVERY:
@@ -162,19 +160,16 @@ class MavlinkDrive(Drive):
         return c.send("set_position_target_local_ned", *about, 0, 0, 0, command.speed, 0, 0, 0, 0, 0, 0, turn)
 
     def stop(self) -> None:
-        """A set-point of 0, and no other until `resume`; the autopilot brakes as it is set to."""
         self.standing = True
         self.set_point(STAND)
 
     def resume(self) -> bool:
-        """Obey again if the autopilot does."""
         with self.lock:
             self.fault, self.commanded = self.why_not(), self.connection.now()
             self.standing = self.fault is not None
             return not self.standing
 
     def why_not(self) -> str | None:
-        """Why the autopilot does not obey now."""
         silent, still = self.connection.age("HEARTBEAT"), self.connection.age("LOCAL_POSITION_NED")
         if silent > HEARTBEAT_PATIENCE:
             return f"lost: no heartbeat of the autopilot for {silent:.1f} s"
@@ -186,11 +181,9 @@ class MavlinkDrive(Drive):
         return None if state["mode"] == GUIDED else f"the autopilot is in mode {state['mode']}, not GUIDED"
 
     def trouble(self) -> str | None:
-        """Why the rover does not obey, other than after `stop`; None when all is well."""
         return self.fault
 
     def driven(self) -> DriveCommand:
-        """Speed and curvature that the autopilot measured last; what was sent, where it does not measure."""
         latest = self.connection.latest
         if not {"LOCAL_POSITION_NED", "ATTITUDE"} <= latest.keys():
             return self.sent
@@ -199,7 +192,6 @@ class MavlinkDrive(Drive):
         return DriveCommand(speed, -attitude.yawspeed / speed if abs(speed) > SLOW else 0.0)
 
     def telemetry(self) -> dict[str, Any]:
-        """State of the autopilot; `link` is why it cannot be commanded, or None."""
         status, beat = self.connection.latest.get("SYS_STATUS"), self.connection.latest["HEARTBEAT"][1]
         volts = 0.0 if status is None else status[1].voltage_battery / 1e3
         armed = bool(beat.base_mode & self.connection.dialect.MAV_MODE_FLAG_SAFETY_ARMED)

@@ -106,7 +106,6 @@ class Telemetry(NamedTuple):
     uptime: int
 
     def words(self) -> list[str]:
-        """The faults in words."""
         return [WORDS[fault] for fault in Fault if fault in self.faults]
 
     def values(self) -> dict[str, Any]:

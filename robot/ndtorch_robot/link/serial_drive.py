@@ -141,7 +141,6 @@ class SerialDrive(LinkDrive):
 
 
 def open_port(device: str, baud: int) -> serial.Serial:
-    """Open a serial port for this program alone."""
     import serial
 
     try:

@@ -30,7 +30,6 @@ class HostedDrive(LinkDrive):
         self.world.await_welcome()
 
     def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
-        """Frames of the world that the pulses move, and its time."""
         return self.world, self.world
 
     def close(self) -> None:
@@ -49,7 +48,6 @@ def open_hosted(settings: HostedSettings, opening: Opening) -> HostedDrive:
 
 @link(SIMULATED_WORLD)
 def open_world(settings: WorldSettings, opening: Opening) -> Simulation:
-    """The world is its own drive: without a board and a line."""
     return world_of(opening, SIMULATED_WORLD)
 
 

@@ -1,6 +1,6 @@
 """Arenas: functions from a seed to a plan.
 
-The seed moves the walls of hallway, curve, loop and room about, and lays out office and random. No controller was
+The seed moves the walls of hallway, curve, loop and room about, and lays out office. No controller was
 developed in the others: floors, thin and low obstacles, narrow places. Those with one layout are files.
 """
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.packages import toml_file
@@ -79,7 +79,6 @@ def trace(rooms: list[Box], holes: list[Box] | None = None) -> tuple[Ring, tuple
 
 
 def next_loop(edges: dict[Node, list[Node]]) -> list[Node]:
-    """A closed line of edges, which are removed."""
     start = min(edges)
     loop, node, before = [start], edges[start].pop(), start
     while node != start:
@@ -105,7 +104,6 @@ def labelled(points: list[Point], boxes: list[Box]) -> Ring:
 
 
 def surface_kind(a: Point, b: Point, boxes: list[Box]) -> str:
-    """What the wall from a to b looks like: the last box that has it as a side decides."""
     x, y = (a[0] + b[0]) / 2, (a[1] + b[1]) / 2
     kind = "wall"
     for box in boxes:
@@ -118,7 +116,8 @@ def surface_kind(a: Point, b: Point, boxes: list[Box]) -> str:
 
 
 def box_ring(box: Box, height: float, bottom: float = 0.0) -> Ring:
-    """A piece of furniture."""
+    if bottom >= height:
+        raise InputError(f"a box at ({box.left}, {box.bottom}) must have its bottom below its height")
     corners = [(box.left, box.bottom), (box.right, box.bottom), (box.right, box.top), (box.left, box.top)]
     return ring(corners, "furniture", height, solid=True, bottom=bottom)
 
@@ -131,7 +130,6 @@ def chair_rings(x: float, y: float, turned: float) -> list[Ring]:
 
 
 def table_rings(box: Box, height: float, legs: float = LEG) -> list[Ring]:
-    """Four legs and a top."""
     corners = [(x, y) for x in (box.left + INSET, box.right - INSET) for y in (box.bottom + INSET, box.top - INSET)]
     rings = [cylinder(*corner, legs / 2, height - PLATE, 6) for corner in corners]
     return [*rings, box_ring(box, height, height - PLATE)]
@@ -239,7 +237,6 @@ def mirrored(box: Box, side: int) -> Box:
 
 
 def furniture(room: Box, gap: Box, rng: np.random.Generator) -> list[Box]:
-    """A desk at the wall opposite the door, a cupboard at a side wall."""
     width, depth = float(rng.uniform(1.2, 1.8)), float(rng.uniform(0.6, 0.8))
     x = float(rng.uniform(room.left + 0.01, room.right - width - 0.01))
     boxes = [Box(x, room.top - depth - 0.01, x + width, room.top - 0.01)]
@@ -250,44 +247,6 @@ def furniture(room: Box, gap: Box, rng: np.random.Generator) -> list[Box]:
     y = float(rng.uniform(room.bottom + 0.3, room.bottom + 1.0))
     boxes.append(Box(x, y, x + deep, y + long))
     return boxes
-
-
-def random_building(seed: int) -> Plan:
-    """Rooms on a 4 x 3 grid, joined by a random tree of corridors and a few more; pillars in the large ones."""
-    rng = np.random.default_rng((seed, 6))
-    pitch, columns, rows = 3.8, 4, 3
-    cells = [(i, j) for i in range(columns) for j in range(rows)]
-    joined = {cells[int(rng.integers(len(cells)))]}
-    links: list[tuple[tuple[int, int], tuple[int, int]]] = []
-    wanted = int(rng.integers(8, len(cells) + 1))
-    while len(joined) < wanted:
-        choices = [(a, b) for a in sorted(joined) for b in beside(a, columns, rows) if b not in joined]
-        a, b = choices[int(rng.integers(len(choices)))]
-        joined.add(b)
-        links.append((a, b))
-    for a in sorted(joined):
-        links += [(a, b) for b in beside(a, columns, rows) if b in joined and a < b and rng.random() < 0.25]
-    boxes, holes = [], []
-    for i, j in sorted(joined):
-        wide, high = (round(float(v), 2) for v in rng.uniform(1.1, 1.75, 2))
-        boxes.append(Box(i * pitch - wide, j * pitch - high, i * pitch + wide, j * pitch + high))
-        if min(wide, high) > 1.45:
-            size = float(rng.uniform(0.15, 0.25))
-            x, y = i * pitch + float(rng.uniform(-0.2, 0.2)), j * pitch + float(rng.uniform(-0.2, 0.2))
-            holes.append(Box(x - size, y - size, x + size, y + size, "pillar"))
-    for (ai, aj), (bi, bj) in links:
-        half = round(float(rng.uniform(0.8, 1.05)), 2)
-        low, high_ = (min(ai, bi) * pitch, min(aj, bj) * pitch), (max(ai, bi) * pitch, max(aj, bj) * pitch)
-        across = (0.0, half) if aj == bj else (half, 0.0)
-        boxes.append(Box(low[0] - across[0], low[1] - across[1], high_[0] + across[0], high_[1] + across[1]))
-    outline, solids = trace(boxes, holes)
-    return Plan("random", outline, solids)
-
-
-def beside(cell: tuple[int, int], columns: int, rows: int) -> list[tuple[int, int]]:
-    i, j = cell
-    around = [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]
-    return [(a, b) for a, b in around if 0 <= a < columns and 0 <= b < rows]
 
 
 def chairs(seed: int) -> Plan:
@@ -323,7 +282,6 @@ BUILDINGS: dict[str, Callable[[int], Plan]] = {
     "loop": loop,
     "room": room,
     "office": office,
-    "random": random_building,
 }
 FLOORS: dict[str, tuple[Callable[[int], Plan], Pattern]] = {
     "tiles": (loop, "tiles"),
@@ -365,26 +323,12 @@ class Pillar(Strict):
         return ring(corners, "pillar", self.height, solid=True)
 
 
-class BoxTable(Strict):
-    """A box: its rectangle, and from where up to where it reaches, m. A sill, up to 2 cm high, is driven over."""
+class Block(Strict):
+    """A box from `bottom` up to `height`, m, or a table of that height on four legs; a sill of 2 cm is driven over."""
 
     at: Four
     bottom: Annotated[float, Field(ge=0, le=10)] = 0.0
-    height: Annotated[float, Field(gt=0, le=10)]
-
-    @model_validator(mode="after")
-    def upright(self) -> BoxTable:
-        """A box whose top is above its bottom."""
-        if self.bottom >= self.height:
-            raise ValueError("bottom must be below height")
-        return self
-
-
-class TableTable(Strict):
-    """A table: the rectangle of its top, how high that is, and how wide the four legs are, m."""
-
-    at: Four
-    height: Annotated[float, Field(gt=0.3, le=2)] = 0.72
+    height: Annotated[float, Field(gt=0, le=10)] = 0.72
     legs: Annotated[float, Field(ge=0.02, le=0.3)] = 0.04
 
 
@@ -408,29 +352,23 @@ class ArenaFile(Strict):
     rooms: Annotated[tuple[Four, ...], Field(min_length=1)]
     doors: tuple[Four, ...] = ()
     pillars: tuple[Pillar, ...] = ()
-    boxes: tuple[BoxTable, ...] = ()
-    tables: tuple[TableTable, ...] = ()
+    boxes: tuple[Block, ...] = ()
+    tables: tuple[Block, ...] = ()
     floor: Pattern = "carpet"
     start: tuple[float, float, float] | None = None
     height: Annotated[float, Field(ge=1, le=10)] = 2.4
 
-
-def read_arena(path: Path) -> Plan:
-    """The plan in a file."""
-    file = read_toml(path, ArenaFile)
-    try:
-        rooms = [rectangle(room, NARROWEST, NARROWEST) for room in file.rooms]
-        doors = [rectangle(door, CAR_WIDTH)._replace(kind="jamb") for door in file.doors]
+    def plan(self) -> Plan:
+        rooms = [rectangle(room, NARROWEST, NARROWEST) for room in self.rooms]
+        doors = [rectangle(door, CAR_WIDTH)._replace(kind="jamb") for door in self.doors]
         outline, inner = trace(rooms + doors)
-        solids = [pillar.ring() for pillar in file.pillars]
-        solids += [box_ring(rectangle(box.at), box.height, box.bottom) for box in file.boxes]
-        solids += [part for t in file.tables for part in table_rings(rectangle(t.at), t.height, t.legs)]
-        start = (*file.start[:2], math.radians(file.start[2])) if file.start else None
-        plan = Plan(file.name, outline, (*inner, *solids), start, height=file.height, floor=file.floor).check()
+        solids = [pillar.ring() for pillar in self.pillars]
+        solids += [box_ring(rectangle(box.at), box.height, box.bottom) for box in self.boxes]
+        solids += [part for t in self.tables for part in table_rings(rectangle(t.at), t.height, t.legs)]
+        start = (*self.start[:2], math.radians(self.start[2])) if self.start else None
+        plan = Plan(self.name, outline, (*inner, *solids), start, height=self.height, floor=self.floor).check()
         SpawnPoints(plan)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    return plan
+        return plan
 
 
 def rectangle(at: Four, longest: float = 0.0, shortest: float = 0.0) -> Box:
@@ -454,11 +392,15 @@ def load_arena(name: str, seed: int = 0) -> Plan:
     if name not in FILES and not name.endswith(".toml"):
         known = ", ".join(ARENAS)
         raise InputError(f"no arena {name!r}, choose one of {known} or a .toml file{did_you_mean(name, ARENAS)}")
-    return read_arena(toml_file(Path(name), "ndtorch_robot", "arenas"))
+    path = toml_file(Path(name), "ndtorch_robot", "arenas")
+    file = read_toml(path, ArenaFile)
+    try:
+        return file.plan()
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def describe_arena(name: str) -> str:
-    """What an arena is, in a line."""
     if name in FILES:
         return str(toml_values(toml_file(Path(name), "ndtorch_robot", "arenas"))["description"])
     if name in FLOORS:

@@ -79,7 +79,6 @@ class Cameras:
         return [out[n : n + high * wide].reshape(high, wide, 3).transpose(2, 0, 1) for n, high, wide in begins]
 
     def frame(self, view: Floats) -> Image:
-        """A whole frame `[3, H, W]`."""
         return self.render([view], [[Rect(0, self.rig.height, 0, self.rig.width)]])[0]
 
     def view(self, x: float, y: float, heading: float, side: int) -> Floats:

@@ -67,12 +67,10 @@ class Disturbances(Strict):
 
     @property
     def none(self) -> bool:
-        """Whether there is none."""
         return self == Disturbances()
 
     @property
     def odometer(self) -> bool:
-        """Whether the odometer is wrong."""
         return bool(self.odometry_scale_ratio or self.curvature_bias_per_m or self.slip_ratio)
 
     def light(self, time: float) -> float:

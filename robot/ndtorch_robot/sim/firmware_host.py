@@ -34,7 +34,6 @@ class Pulse(NamedTuple):
 
 
 def constants() -> dict[str, int]:
-    """The numbers of the firmware's `config.h`."""
     text = (FIRMWARE / "config.h").read_text()
     return {name: int(value) for name, value in re.findall(r"#define (\w+) \(?(-?\d+)", text)}
 
@@ -85,7 +84,6 @@ class FirmwareHost:
         return self.out.raw[:count], [Pulse(name, width, now) for name, width in zip(NAMES, self.widths, strict=True)]
 
     def close(self) -> None:
-        """Give its memory back. Calling it again does nothing."""
         board, self.board = self.board, None
         if board is not None:
             self.library.board_free(board)

@@ -55,7 +55,6 @@ class Ring:
 
     @cached_property
     def array(self) -> Floats:
-        """Corners `[N, 2]`."""
         return np.array(self.points, dtype=np.float64)
 
     @property
@@ -85,7 +84,6 @@ def cylinder(x: float, y: float, radius: float, height: float, corners: int = 8)
 
 
 def circle(x: float, y: float, radius: float, corners: int, turned: float = 0.0) -> list[Point]:
-    """Corners of a regular polygon."""
     angles = turned + np.arange(corners) * (2 * math.pi / corners)
     return [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles]
 
@@ -148,7 +146,6 @@ class Plan:
         return float(left), float(right), float(bottom), float(top)
 
     def grid(self) -> Grid:
-        """Of a map of the building, with half a metre around it."""
         left, right, bottom, top = self.bounds
         return Grid(left - 0.5, right + 0.5, bottom - 0.5, top + 0.5)
 

@@ -105,7 +105,6 @@ class Car:
         self.wanted = STAND
 
     def send(self, command: DriveCommand, now: float = 0.0) -> DriveCommand:
-        """Ask for a speed and a curvature; returns what it will do, which is within its limits."""
         if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
             raise InputError(f"commands must be finite, got {command}")
         within = DriveCommand(*(min(max(v, -m), m) for v, m in zip(command, self.limits[:2], strict=True)))
@@ -116,7 +115,6 @@ class Car:
         return within
 
     def stop(self) -> None:
-        """Stand at once, and forget all commands."""
         self.queue.clear()
         self.wanted, self.speed = STAND, 0.0
 
@@ -138,7 +136,6 @@ class Car:
         self.seconds += dt
 
     def driven(self) -> DriveCommand:
-        """Mean speed and curvature since this was last asked."""
         speed = self.length / self.seconds if self.seconds else 0.0
         curvature = self.turned / self.length if abs(self.length) > 1e-9 else 0.0
         self.length = self.turned = self.seconds = 0.0
@@ -215,7 +212,6 @@ class Simulation(Drive):
 
     @property
     def pedestrian_at(self) -> Point | None:
-        """Where the pedestrian is, m."""
         if self.walk is None:
             return None
         (ax, ay), (bx, by) = self.walk
@@ -243,7 +239,6 @@ class Simulation(Drive):
         return bool(rectangle_touches(*(pose or self.pose), self.half, self.world.walls, self.world.posts))
 
     def respawn(self) -> None:
-        """Move the car to the nearest free place, away from the pedestrian, where it touches nothing."""
         for place in self.spawn_points.by_distance(self.car.x, self.car.y, self.pedestrian_at):
             self.place(*place)
             if not self.touches():
@@ -255,7 +250,6 @@ class Simulation(Drive):
         self.placed = (x, y, heading)
 
     def take_placed(self) -> Placed:
-        """The pose to which the car was moved since the last call, or None."""
         placed, self.placed = self.placed, None
         return placed
 
@@ -284,7 +278,6 @@ class Simulation(Drive):
         return self.effects.deliver(StereoFrames(left, right, now))
 
     def send(self, command: SafeCommand) -> DriveCommand:
-        """Drive like this from now on."""
         return self.obey(unseal(command))
 
     def obey(self, command: DriveCommand) -> DriveCommand:
@@ -292,14 +285,12 @@ class Simulation(Drive):
         return self.car.send(command, self.now())
 
     def resume(self) -> bool:
-        """Nothing to do: this drive obeys at once after a stop."""
         return True
 
     def stop(self) -> None:
         self.car.stop()
 
     def driven(self) -> DriveCommand:
-        """What the wheels say they did since this was last asked."""
         driven = self.effects.odometry(self.car.driven(), self.now())
         speed, curvature = driven
         if self.odometry == "noisy" and speed != 0:

@@ -19,7 +19,6 @@ ANSWERS_IN = 1.0
 
 
 def good_cable(data: bytes, now: float) -> bytes:
-    """All of it, at once."""
     return data
 
 
@@ -63,7 +62,6 @@ class SteppedWorld:
         return self.simulation.now()
 
     def wait_until(self, time_: float) -> None:
-        """Step everything until then."""
         while self.simulation.steps < round(time_ * SUBSTEPS):
             now = (self.simulation.steps + 1) / SUBSTEPS
             sent, self.waiting = bytes(self.waiting), bytearray()

@@ -60,7 +60,6 @@ def floor_light(pattern: Pattern, x: Array, y: Array, rng: np.random.Generator) 
 
 
 def covered(middles: Array, step: float, width: float) -> Array:
-    """Part of each texel that bands of this width about the multiples of `step` cover."""
     away = np.abs(middles - np.round(middles / step) * step)
     part = np.clip(((width + 1 / FLOOR) / 2 - away) * FLOOR, 0.0, min(1.0, width * FLOOR))
     return np.asarray(part, np.float32)
@@ -123,7 +122,6 @@ class RingStyle:
         self.paper_colors = rng.uniform(0.25, 0.95, (count, 3))
 
     def light(self, kind: str, s: Array, begin: float, length: float, z: Array, rng: np.random.Generator) -> Array:
-        """Brightness `[rows, columns]` as a factor on the color."""
         along = begin + s
         uneven = np.interp(along, np.arange(len(self.knots)) * 0.7, self.knots)
         grain = rng.normal(0, 1, (len(z), len(s)))
@@ -172,7 +170,6 @@ def floor_texture(plan: Plan, rng: np.random.Generator) -> tuple[Image, tuple[fl
 
 
 def ceiling_texture(rows: int = 256, columns: int = 256) -> Image:
-    """Panels with lamps; repeated over the building."""
     y, x = np.mgrid[0:rows, 0:columns]
     lamp = ((x // 16) % 4 == 1) & ((y // 16) % 4 == 1)
     joint = (x % 16 == 0) | (y % 16 == 0)
@@ -180,5 +177,4 @@ def ceiling_texture(rows: int = 256, columns: int = 256) -> Image:
 
 
 def to_bytes(values: Array) -> Image:
-    """Brightness 0..1 as uint8."""
     return np.asarray(np.clip(values * 255 + 0.5, 0, 255), dtype=np.uint8)

@@ -91,7 +91,6 @@ class Quads:
         self.surface.append(surface)
 
     def triangles(self) -> tuple[Floats, npt.NDArray[np.int32]]:
-        """Corners `[N, 3, 5]` and surface `[N]`."""
         quads = np.array(self.quads, np.float64).reshape(-1, 4, 5)
         return quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 5), np.repeat(self.surface, 2).astype(np.int32)
 
@@ -175,13 +174,11 @@ def obstacles(plan: Plan, rig: StereoRig, body: Body) -> tuple[Floats, Floats]:
 
 
 def profile(texels: Image, height: float) -> Floats:
-    """Brightness along a surface at a part of its height, 0..1."""
     rows = len(texels)
     return np.asarray(texels[min(max(rows - 1 - int(height * rows), 0), rows - 1)].mean(-1) / 255.0)
 
 
 def with_mipmaps(images: list[Image]) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int32]]:
-    """Texels and mipmaps of images, as in `World`."""
     levels, blocks, begin = np.zeros((len(images), LEVELS, 3), np.int32), [], 0
     for n, image in enumerate(images):
         for k in range(LEVELS):

@@ -133,7 +133,7 @@ def test_arena_file(tmp_path):
         ('name = "x"\nrooms = [[0, 0, 900, 4]]', "too large"),
         (FILE.replace("x = 7", "x = 70"), "outside the walls"),
         (FILE.replace("[1, 1, 90]", "[0.1, 1, 90]"), "start"),
-        (FILE.replace("0.12", "0.75"), "bottom must be below height"),
+        (FILE.replace("0.12", "0.75"), "bottom below its height"),
     ],
 )
 def test_bad_arena_files(tmp_path, text, message):
