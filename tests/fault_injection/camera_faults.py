@@ -11,8 +11,8 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips
+from ndtorch_robot.link.simulated import SteppedWorld
 from ndtorch_robot.ports import StereoFrames
-from ndtorch_robot.sim.stepped_world import SteppedWorld
 
 Levels = npt.NDArray[np.float64]
 

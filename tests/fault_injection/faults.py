@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ndtorch_robot.link.simulated import Cable, SteppedWorld, good_cable
 from ndtorch_robot.ports import Step
 from ndtorch_robot.recording import Recorder, open_recording
-from ndtorch_robot.sim.stepped_world import Cable, SteppedWorld, good_cable
 
 STOP_DEADLINE = 0.25
 """Seconds after a fault from which no wheel may turn."""
@@ -101,7 +101,7 @@ class FaultyLink:
     def inject(self, fault: str) -> None:
         """Begin a fault of `tests.fault_injection.faults`."""
         if fault == "board restarts":
-            self.world.restart_board()
+            self.world.board.reset(self.world.now())
         changes: dict[str, tuple[Cable, Cable]] = {
             "cable pulled": (self.nothing, self.nothing),
             "nothing from the board": (good_cable, self.nothing),

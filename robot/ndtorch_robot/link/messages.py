@@ -158,11 +158,6 @@ def command_body(command: DriveCommand) -> bytes:
     return COMMAND_BODY.pack(round(command.speed * 1000), round(command.curvature * 1000))
 
 
-def read_command(body: bytes) -> DriveCommand:
-    speed, curvature = COMMAND_BODY.unpack(body)
-    return DriveCommand(speed / 1000, curvature / 1000)
-
-
 def read_welcome(body: bytes) -> tuple[int, str]:
     """The sequence number of the hello, and the name of the board."""
     echo, name = WELCOME_BODY.unpack(body)

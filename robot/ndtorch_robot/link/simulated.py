@@ -2,13 +2,111 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
 from ndtorch_robot.link import HOSTED_BOARD, SIMULATED_WORLD, Opening, link
-from ndtorch_robot.link.link_drive import LinkDrive
-from ndtorch_robot.ports import CameraPair, Clock, Report
-from ndtorch_robot.sim.simulation import Simulation
-from ndtorch_robot.sim.stepped_world import SteppedWorld
+from ndtorch_robot.link.link_drive import HEARTBEAT, LinkDrive
+from ndtorch_robot.ports import CameraPair, Clock, Report, StereoFrames
+from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost, Pulse
+from ndtorch_robot.sim.simulation import SUBSTEPS, Simulation
+
+Cable = Callable[[bytes, float], bytes]
+"""What comes out at the other end now, s, when these bytes were put in."""
+
+ANSWERS_IN = 1.0
+"""Seconds in which the board must answer."""
+
+
+def good_cable(data: bytes, now: float) -> bytes:
+    return data
+
+
+class SteppedWorld:
+    """Cameras, clock, board and the drive link of a simulated car, on one simulated time.
+
+    In every step of time the board runs, its pulses move the car, and the link reads the board's answers and sends its
+    heartbeats. Implements `ports.CameraPair`, `ports.Clock` and the port of the link.
+
+    Args:
+        drive: the link, which writes into this world.
+        real_time: simulated time does not run ahead of real time.
+
+    Attributes:
+        up, down: what the cable does to bytes from the computer to the board, and back.
+        pulsed: called with every pulse.
+
+    Raises:
+        InputError: no C compiler.
+    """
+
+    def __init__(self, simulation: Simulation, drive: LinkDrive, real_time: bool = False) -> None:
+        self.drive, self.simulation, self.board, self.electronics = drive, simulation, FirmwareHost(), Electronics()
+        self.up: Cable = good_cable
+        self.down: Cable = good_cable
+        self.pulsed: Callable[[Pulse], None] = lambda pulse: None
+        self.waiting = bytearray()
+        self.beaten = 0.0
+        self.start = time.monotonic() - simulation.now() if real_time else None
+
+    def now(self) -> float:
+        return self.simulation.now()
+
+    def wait_until(self, time_: float) -> None:
+        while self.simulation.steps < round(time_ * SUBSTEPS):
+            now = (self.simulation.steps + 1) / SUBSTEPS
+            sent, self.waiting = bytes(self.waiting), bytearray()
+            answers, pulses = self.board.run(now, self.up(sent, now))
+            for pulse in pulses:
+                self.electronics.apply(pulse)
+                self.pulsed(pulse)
+            self.simulation.obey(self.electronics.target(now))
+            self.simulation.wait_until(now)
+            self.drive.handle(self.down(answers, now))
+            self.drive.greet()
+            if now - self.beaten >= HEARTBEAT:
+                self.beaten = now
+                self.drive.look_after()
+        if self.start is not None:
+            time.sleep(max(0.0, self.start + time_ - time.monotonic()))
+
+    def write(self, data: bytes, /) -> None:
+        self.waiting += data
+
+    def read(self) -> StereoFrames:
+        """What both cameras see now, or with the next frame that is not lost. Board and link go on meanwhile."""
+        while self.simulation.loses_frame():
+            self.wait_until(self.now() + 1 / self.simulation.rate)
+        return self.simulation.capture()
+
+    def close(self) -> None:
+        self.board.close()
+
+
+class HostedDrive(LinkDrive):
+    """A `LinkDrive` that has its board, and the world, with it. It needs no hardware.
+
+    Raises:
+        InputError: the board does not answer, or is that of another car.
+    """
+
+    def __init__(self, simulation: Simulation, board_name: str, report: Report, real_time: bool = False) -> None:
+        self.world = SteppedWorld(simulation, self, real_time)
+        super().__init__(self.world, self.world.now, board_name, report)
+        while not self.welcomed.is_set():
+            if self.refusal is not None or self.now() > ANSWERS_IN:
+                self.world.close()
+                raise InputError(self.refusal or "the board does not answer")
+            self.world.wait_until(self.now() + 1 / SUBSTEPS)
+
+    def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
+        return self.world, self.world
+
+    def close(self) -> None:
+        super().close()
+        self.world.close()
 
 
 class HostedSettings(Strict):
@@ -19,22 +117,6 @@ class HostedSettings(Strict):
     """
 
     real_time: bool = False
-
-
-class HostedDrive(LinkDrive):
-    """A `LinkDrive` that has its board, and the world, with it. It needs no hardware."""
-
-    def __init__(self, simulation: Simulation, board_name: str, report: Report, real_time: bool = False) -> None:
-        self.world = SteppedWorld(simulation, self, real_time)
-        super().__init__(self.world, self.world.now, board_name, report)
-        self.world.await_welcome()
-
-    def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
-        return self.world, self.world
-
-    def close(self) -> None:
-        super().close()
-        self.world.close()
 
 
 class WorldSettings(Strict):

@@ -22,7 +22,6 @@ from ndtorch_robot.link.messages import (
     Type,
     command_body,
     encode_frame,
-    read_command,
     read_telemetry,
 )
 from ndtorch_robot.link.serial_drive import SerialDrive
@@ -49,7 +48,7 @@ def test_frames_as_they_go_over_the_line():
     command = Frame(1, Type.COMMAND, 65535, command_body(DriveCommand(0.5, -2.0)))
     assert encode_frame(command).hex() == "0d0103fffff40130f871a9d1f300"
     assert command_body(DriveCommand(0.5, -2.0)) == bytes([0xF4, 0x01, 0x30, 0xF8])
-    assert read_command(command_body(DriveCommand(-1.0, 0.001))) == (-1.0, 0.001)
+    assert command_body(DriveCommand(-1.0, 0.001)) == struct.pack("<hh", -1000, 1)
     body = bytes([5, 0, 1, 16, 0xF4, 1, 0x18, 0xFC, 0xE8, 0x1C, 0x5E, 6, 0xDC, 5, 0xDC, 5, 3, 0, 60, 0])
     t = read_telemetry(body)
     assert (t.echo, t.armed, t.applied, t.battery, t.motor, t.rejected, t.uptime) == (
