@@ -25,23 +25,16 @@ MIN_VIEWS = 10
 MIN_INSIDE = 0.97
 """Ratio of the pixels of a strip that the raw image must contain."""
 
-LIMITS = {
-    "left_px": (0.5, "the left camera's model misses its corners by {:.2f} px"),
-    "right_px": (0.5, "the right camera's model misses its corners by {:.2f} px"),
-    "pair_px": (0.6, "both cameras together miss the corners by {:.2f} px"),
-    "row_px": (0.4, "the rows of the rectified images differ by {:.2f} px"),
-    "focal_percent": (
-        1.0,
-        "the focal length is known to {:.2f} % only: tilt the board by 30 degrees",
-    ),
+ACCEPTED = {
+    "left_px": (0.0, 0.5, "the left camera's model misses its corners by {:.2f} px"),
+    "right_px": (0.0, 0.5, "the right camera's model misses its corners by {:.2f} px"),
+    "pair_px": (0.0, 0.6, "both cameras together miss the corners by {:.2f} px"),
+    "row_px": (0.0, 0.4, "the rows of the rectified images differ by {:.2f} px"),
+    "focal_percent": (0.0, 1.0, "the focal length is known to {:.2f} % only: tilt the board by 30 degrees"),
+    "tilt_deg": (25.0, 180.0, "the boards lie within {:.0f} degrees: tilt them by 30 degrees this way and that"),
+    "covered_percent": (35.0, 100.0, "the boards covered {:.0f} % of the image only"),
 }
-"""Largest values of `Quality` that are accepted, and the fault beyond them."""
-
-MINIMA = {
-    "tilt_deg": (25.0, "the boards lie within {:.0f} degrees: tilt them by 30 degrees this way and that"),
-    "covered_percent": (35.0, "the boards covered {:.0f} % of the image only"),
-}
-"""Smallest values of `Quality` that are accepted, and the fault below them."""
+"""Least and largest values of `Quality` that are accepted, and the fault beyond them."""
 
 MIN_TILT_DEG = 10.0
 """Angle between the boards of most different direction below which a focal length of any size fits."""
@@ -109,15 +102,8 @@ class Quality(NamedTuple):
 
     def faults(self) -> list[str]:
         """What is not good enough, in words; nothing for a calibration that may be used."""
-        found = [
-            words.format(getattr(self, name))
-            for name, (limit, words) in LIMITS.items()
-            if not getattr(self, name) <= limit
-        ]
-        found += [
-            words.format(getattr(self, name)) for name, (limit, words) in MINIMA.items() if getattr(self, name) < limit
-        ]
-        return found
+        values = [(getattr(self, name), *limits) for name, limits in ACCEPTED.items()]
+        return [words.format(value) for value, least, most, words in values if not least <= value <= most]
 
 
 def find_corners(image: Image, board: Board) -> Points | None:
@@ -172,7 +158,7 @@ def calibrate(views: Sequence[View], board: Board, size: tuple[int, int]) -> tup
             cells = np.floor(np.concatenate(points) * 8 / size).clip(0, 7)
             covered.append(100 * len(np.unique(cells, axis=0)) / 64)
         if min(tilts) < MIN_TILT_DEG:
-            raise InputError(MINIMA["tilt_deg"][1].format(min(tilts)))
+            raise InputError(ACCEPTED["tilt_deg"][2].format(min(tilts)))
         pair, *_, rotation, translation, _, _ = cv2.stereoCalibrate(
             objects, *corners, *lenses[0], *lenses[1], size, flags=cv2.CALIB_FIX_INTRINSIC
         )

@@ -9,6 +9,7 @@ import gc
 import math
 import threading
 import time
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -52,7 +53,7 @@ class StepTimer:
     """How long the parts of a step take, in real time."""
 
     def __init__(self) -> None:
-        self.seconds: dict[str, list[float]] = {}
+        self.seconds: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=KEPT))
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
@@ -64,9 +65,7 @@ class StepTimer:
             self.add(name, time.perf_counter() - start)
 
     def add(self, name: str, seconds: float) -> None:
-        kept = self.seconds.setdefault(name, [])
-        kept.append(seconds)
-        del kept[:-KEPT]
+        self.seconds[name].append(seconds)
 
     def summary(self) -> dict[str, dict[str, float]]:
         """Median, 99th percentile and maximum of each part, in ms: `{"navigate": {"p50": 0.6, "p99": 0.9, ...}}`."""
@@ -116,7 +115,7 @@ class Car:
         self.reason: tuple[str | None, int] = (None, 0)
         self.timer, self.steps, self.late = StepTimer(), 0, 0
         self.began = self.distance = 0.0
-        self.starts: list[float] = []
+        self.starts: deque[float] = deque(maxlen=KEPT)
 
     def run(self, seconds: float | None = None, warm_up: bool = True) -> int:
         """Step until `ended` is set, the time is over, or the steps are used up; the number of steps.
@@ -163,7 +162,9 @@ class Car:
                 safe.blind(str(error))
         self.distance += abs(driven.speed) / runner.rate
         # A step that waits for its cameras begins when they have answered.
-        self.note_start(clock.now() if isinstance(clock, CameraClock) else now)
+        started = clock.now() if isinstance(clock, CameraClock) else now
+        self.began = self.began if self.starts else started
+        self.starts.append(started)
         wanted, restarted, placed = STAND, False, None
         good = frames is not None and safe.see(frames, driven.speed)
         if good and frames is not None:
@@ -196,17 +197,11 @@ class Car:
             self.troubles.append(trouble)
             self.safe.report(f"stands: {trouble}")
 
-    def note_start(self, when: float) -> None:
-        if not self.starts:
-            self.began = when
-        self.starts.append(when)
-        del self.starts[:-KEPT]
-
     def summary(self) -> dict[str, Any]:
         """Figures of the drive so far, as JSON has them: times in ms, those of faults in s since the first step."""
         began, jitter = self.began, np.abs(np.diff(self.starts) - 1 / self.runner.rate)
         stops = [stop for stop in self.safe.faults if stop.kind is not FaultKind.EMERGENCY]
-        faults = [{"time_s": round(max(0.0, stop.time - began), 3), "why": stop.why} for stop in stops]
+        faults = [{"time_s": round(max(0.0, stop.time - began), 3), "why": stop.message} for stop in stops]
         return {
             "steps": self.steps,
             "late": self.late,

@@ -174,7 +174,7 @@ def summarise(
         "map": {key: None if v is None else round(v, 4) for key, v in score._asdict().items()},
         "pose_error": errors,
         "troubles": car.troubles,
-        "faults": [stop.why for stop in car.safe.faults],
+        "faults": [stop.message for stop in car.safe.faults],
         "step_ms": {key: round(value, 3) for key, value in timing.get("navigate", {}).items()},
         "parts_ms": timing,
     }

@@ -35,15 +35,8 @@ class FaultKind(Enum):
 
 
 class Fault(NamedTuple):
-    """A fault: its kind, and one line for people."""
+    """A fault: its kind, one line for people, and when it stopped the car, s on the car's clock."""
 
     kind: FaultKind
     message: str
-
-
-class Stop(NamedTuple):
-    """A stop of the car: its time on the car's clock, s, the reason in one line, and the kind of the fault."""
-
-    time: float
-    why: str
-    kind: FaultKind
+    time: float = 0.0

@@ -125,6 +125,10 @@ class Drive(Protocol):
         """State of the drive for JSON, with units in the keys: `battery_v`, `faults`, `armed` and the like."""
         return {}
 
+    def cameras_and_clock(self) -> tuple[CameraPair, Clock] | None:
+        """The cameras in the simulated world that this drive moves, and the clock of a loop in it; None for a car."""
+        return None
+
     def round_trips(self) -> Sequence[float]:
         """Response times of the link, s, the newest last."""
         return ()

@@ -13,7 +13,7 @@ from ndtorch.navigation import Grid, StereoRig
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.cameras import StereoCameras, open_cameras
 from ndtorch_robot.car import CameraClock, Car, MonotonicClock
-from ndtorch_robot.link import SIMULATED_WORLD, MovesWorld, Opening, open_link
+from ndtorch_robot.link import SIMULATED_WORLD, Opening, open_link
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
 from ndtorch_robot.run_config import RunConfig
@@ -57,7 +57,7 @@ def open_drive(config: RunConfig, report: Report) -> Iterator[tuple[Drive, Clock
             body=body,
         )
     drive = open_link(config.link_table(), Opening(config.board_name, report, simulation))
-    cameras, clock = drive.cameras_and_clock() if isinstance(drive, MovesWorld) else (None, MonotonicClock())
+    cameras, clock = drive.cameras_and_clock() or (None, MonotonicClock())
     try:
         yield drive, clock, cameras
     finally:
@@ -82,15 +82,6 @@ def make_car(
     check = CameraMonitor(rig, config.rate_hz, limits.frame_age_s)
     safe = SafeDrive(drive, clock, limits, check, report)
     return Car(runner, cameras, safe, observers=observers, go=go)
-
-
-def with_disturbance(config: RunConfig, disturbance: str) -> RunConfig:
-    """The configuration with these disturbances, if any; `InputError` where its world is not simulated."""
-    if not disturbance:
-        return config
-    if config.simulation is None:
-        raise InputError("--disturbance is for simulated worlds, and this car has cameras")
-    return config.model_copy(update={"simulation": config.simulation.model_copy(update={"disturbance": disturbance})})
 
 
 def open_real_cameras(config: RunConfig) -> tuple[StereoCameras, StereoRig]:

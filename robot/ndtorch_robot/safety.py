@@ -10,7 +10,7 @@ from enum import Enum, auto
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch_robot.camera_monitor import CameraMonitor
-from ndtorch_robot.faults import FaultKind, Stop
+from ndtorch_robot.faults import Fault, FaultKind
 from ndtorch_robot.ports import _SEAL, STAND, Clock, Drive, DriveCommand, Report, SafeCommand, StereoFrames
 
 PATIENCE = 10.0
@@ -102,7 +102,7 @@ class SafeDrive:
         self.lock = threading.RLock()
         self.state = DriveState.DRIVING
         self.standing: str | None = None
-        self.faults: list[Stop] = []
+        self.faults: list[Fault] = []
         self.clamped, self.sent, self.frames_time = 0, STAND, -math.inf
         self.sent_at: float | None = None
         self.retry_at = self.resume_until = math.inf
@@ -142,7 +142,7 @@ class SafeDrive:
                 return
             self.standing, self.sent = why, STAND
             self.drive.stop()
-            self.faults.append(Stop(self.clock.now(), why, kind))
+            self.faults.append(Fault(kind, why, self.clock.now()))
         self.report(f"stopped: {why}")
 
     def take_interruption(self) -> bool:

@@ -111,7 +111,7 @@ class FaultInjector:
             if must_drive or (self.fault is None and stop.time > self.cleared + AFTERMATH_S):
                 blank = stop.kind is FaultKind.BLANK and self.is_blank()
                 kept = self.blank if blank else self.stopped if must_drive else self.unexplained
-                kept.append(f"{stop.time:.2f} s: {stop.why}")
+                kept.append(f"{stop.time:.2f} s: {stop.message}")
         self.stops_seen = len(stops)
 
     def is_blank(self) -> bool:

@@ -123,5 +123,5 @@ def test_cameras_that_freeze_before_a_change_of_direction_are_detected_before_th
         car.steer = lambda wanted: STAND if world.now() < 1.5 else AHEAD if world.now() < 2.6 else BACK
         car.observers.append(freeze)
         car.run(4.0)
-        assert "the same image for 4 frames" in car.safe.faults[-1].why
+        assert "the same image for 4 frames" in car.safe.faults[-1].message
     assert 0.0 < last - frozen <= 0.25

@@ -8,10 +8,7 @@ from pathlib import Path
 import pytest
 
 from ndtorch.cli.commands import main
-from ndtorch.errors import InputError
 from ndtorch_robot.commands.check import Check
-from ndtorch_robot.run import with_disturbance
-from ndtorch_robot.run_config import read_run_config
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
 
@@ -41,16 +38,10 @@ def test_a_car_stands_without_go_and_faults_are_named(car, capsys):
     assert main(["run", car, "--seconds", "1", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert (summary["distance_m"], summary["standing"], summary["faults"]) == (0.0, "not started", [])
-    assert main(["run", car, "--go", "--seconds", "1", "--disturbance", "lost_ratio=0.9"]) == 0
+    file = Path(car)
+    file.write_text(file.read_text().replace("seed = 11", 'seed = 11, disturbance = "lost_ratio=0.9"'))
+    assert main(["run", car, "--go", "--seconds", "1"]) == 0
     assert "fault at " in capsys.readouterr().out
-
-
-def test_a_disturbance_goes_into_the_simulated_world():
-    config = read_run_config(Path("sim"))
-    assert with_disturbance(config, "noise").simulation.disturbance == "noise"
-    assert with_disturbance(config, "") is config
-    with pytest.raises(InputError, match="this car has cameras"):
-        with_disturbance(read_run_config(Path("maxstone8")), "noise")
 
 
 @needs_compiler

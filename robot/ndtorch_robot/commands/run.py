@@ -30,8 +30,6 @@ class Run:
     """Time after which the drive ends, in s (default: on SIGTERM)."""
     go: bool = False
     """Drive off without waiting for the key."""
-    disturbance: str = ""
-    """Disturbances of cameras and car in a simulated world: names or KEY=NUMBER as of `ndtorch drive`."""
     record: Path | None = None
     """New file for a recording, NAME.mcap, for `ndtorch replay`, Foxglove and ROS 2."""
     save_map: Path | None = None
@@ -52,10 +50,10 @@ class Run:
         from ndtorch_robot.emergency import HELP, emergency_stops
         from ndtorch_robot.navigator_runner import WalkedPath, save_runner_map
         from ndtorch_robot.recording import Recorder
-        from ndtorch_robot.run import open_car, real_time_priority, timed_report, with_disturbance
+        from ndtorch_robot.run import open_car, real_time_priority, timed_report
         from ndtorch_robot.run_config import read_run_config
 
-        config = with_disturbance(read_run_config(self.config), self.disturbance)
+        config = read_run_config(self.config)
         if self.save_map is not None and not config.navigation.map_half_size_m:
             raise InputError("--save-map needs a map: set map_half_size_m in [navigation], in m from the start")
         torch.set_num_threads(1)
@@ -113,18 +111,14 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     """The summary of a car for people: what it drove, every fault, and how long things took."""
     hits = f", {summary['collisions']} collisions" if "collisions" in summary else ""
     yield f"{summary['distance_m']:.2f} m{hits}, {summary['steps']} steps, {summary['late']} of them late"
-    if summary["clamped"]:
-        yield f"{summary['clamped']} commands were beyond the limits and clamped"
-    for fault in summary["faults"]:
-        yield f"fault at {fault['time_s']:.2f} s: {fault['why']}"
+    yield f"{summary['clamped']} commands were beyond the limits and clamped"
+    yield from (f"fault at {fault['time_s']:.2f} s: {fault['why']}" for fault in summary["faults"])
     yield from (f"stood: {trouble}" for trouble in summary["troubles"])
     times = {"round trip": summary["round_trip_ms"], "jitter": summary["jitter_ms"], **summary["parts_ms"]}
-    yield f"{'time, ms':<20}{'median':>9}{'99 %':>9}{'largest':>9}"
     for name, one in times.items():
         if one:
-            yield f"{name:<20}" + "".join(f"{one[key]:9.2f}" for key in ("p50", "p99", "max"))
+            yield f"{name:<20}median {one['p50']:.2f} ms, 99 % below {one['p99']:.2f} ms, largest {one['max']:.2f} ms"
     if "map" in summary:
         yield f"map in {summary['map']}"
     if "recording" in summary:
-        made = summary["recording"]
-        yield f"recorded {made['steps']} steps, {made['dropped']} dropped, {made['megabytes']:.1f} MB: {made['file']}"
+        yield "recorded {steps} steps, {dropped} dropped, {megabytes:.1f} MB: {file}".format(**summary["recording"])

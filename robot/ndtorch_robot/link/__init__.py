@@ -9,26 +9,17 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 from ndtorch.errors import InputError
 from ndtorch.utils.registry import Registry
 from ndtorch.utils.toml import Strict, check
-from ndtorch_robot.ports import CameraPair, Clock, Drive, Report
+from ndtorch_robot.ports import Drive, Report
 
 if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation
 
 SERIAL, HOSTED_BOARD, SIMULATED_WORLD = "serial", "hosted-board", "simulated-world"
-
-
-@runtime_checkable
-class MovesWorld(Protocol):
-    """A link that moves a simulated car: it also knows how that world is seen."""
-
-    def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
-        """The cameras in that world, and the clock of a loop in it."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -70,7 +61,7 @@ def open_link(values: Mapping[str, Any], opening: Opening) -> Drive:
     """
     opener, settings = check_link(values)
     drive = opener(settings, opening)
-    if opening.simulation is not None and not isinstance(drive, MovesWorld):
+    if opening.simulation is not None and drive.cameras_and_clock() is None:
         drive.close()
         moving = f"link.kind = {HOSTED_BOARD!r} or {SIMULATED_WORLD!r}"
         raise InputError(f"a simulated world is driven by {moving}, got {values.get('kind', SERIAL)!r}")
