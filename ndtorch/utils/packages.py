@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
@@ -76,28 +75,16 @@ def toml_file(given: Path, package: str, name: str) -> Path:
 
 
 MODELS = "models"
-"""Stands for all models that come with the library."""
+"""Folder of the models that come with the library."""
 
 
 @cache
-def code_digest(uses: tuple[str, ...], packages: tuple[str, ...] = ("torch",)) -> str:
-    """Hash of the source of modules, wherever they are installed, and of the versions of other packages."""
-    digest = hashlib.sha256()
+def code_digest(packages: tuple[str, ...], others: tuple[str, ...]) -> str:
+    """Hash of the source of packages, wherever they are installed, and of the versions of other distributions."""
+    digest = hashlib.sha256(repr([(name, version(name)) for name in others]).encode())
     for package in packages:
-        digest.update(f"{package} {version(package)}\n".encode())
-    for use in sorted(uses):
-        path = folder_of("ndtorch", MODELS) if use == MODELS else next(module_places(use))
-        files = [path] if path.is_file() else sorted(path.rglob("*"))
-        for file in files:
-            if file.suffix in (".py", ".toml", ".safetensors", ".csv"):
-                digest.update(f"{use}/{file.relative_to(path.parent).as_posix()}\0".encode() + file.read_bytes())
+        spec = find_spec(package)
+        for root in (spec.submodule_search_locations or ()) if spec is not None else ():
+            for file in sorted(Path(root).rglob("*.py")):
+                digest.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
     return digest.hexdigest()
-
-
-def module_places(name: str) -> Iterator[Path]:
-    """The file of a module, or the folder of a package. Nothing is imported."""
-    top, *rest = name.split(".")
-    spec = find_spec(top)
-    for root in (spec.submodule_search_locations or ()) if spec is not None else ():
-        path = Path(root, *rest)
-        yield path if path.is_dir() else path.with_suffix(".py")

@@ -1,4 +1,4 @@
-"""Processes that work through tasks, and how they and commands end."""
+"""Processes that work through tasks, and how they end."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import signal
 import time
 
 from ndtorch.errors import InputError
-from ndtorch.utils.workers import Report, run_tasks
+from ndtorch.utils.workers import run_tasks
 
 
-def task(item: tuple[str, str], report: Report) -> str:
-    """Doubles, complains, breaks or dies."""
+def task(item: tuple[str, str]) -> str:
+    """Doubles, complains, breaks, dies or sleeps."""
     kind, value = item
     if kind == "refuse":
         raise InputError(f"no {value}")
@@ -24,38 +24,27 @@ def task(item: tuple[str, str], report: Report) -> str:
         time.sleep(600)
     if kind == "ctrl-c":
         os.kill(os.getpid(), signal.SIGINT)
-        return str(signal.pthread_sigmask(signal.SIG_BLOCK, ()) >= {signal.SIGINT, signal.SIGHUP})
-    if kind == "kill":
-        os.kill(os.getpid(), signal.SIGKILL)
-    report(0.5)
     return value + value
 
 
 def test_tasks_are_done_whatever_happens_to_others() -> None:
-    tasks = [("ok", "a"), ("refuse", "b"), ("break", "c"), ("die", ""), ("ok", "d")]
-    events = list(run_tasks(task, tasks, 2))
-    ends = {e.task: (e.kind, e.value) for e in events if e.kind in ("done", "failed")}
-    assert sorted(ends) == list(range(5))
-    assert ends[0] == ("done", "aa")
-    assert ends[1] == ("failed", "no b")
-    assert ends[2][0] == "failed"
-    assert "RuntimeError: c" in ends[2][1]
-    assert ends[3] == ("failed", "its worker died with exit code 9")
-    assert ends[4] == ("done", "dd")
-    assert ("progress", 0, 0.5) in [tuple(e) for e in events]
+    tasks = [("ok", "a"), ("refuse", "b"), ("break", "c"), ("ctrl-c", "d")]
+    ends = {number: (kind, value) for kind, number, value in run_tasks(task, tasks, 2)}
+    assert ends.pop(2)[1].endswith("RuntimeError: c\n")
+    assert ends == {0: ("done", "aa"), 1: ("failed", "no b"), 3: ("done", "dd")}
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
     assert not multiprocessing.active_children()
 
 
-def test_ctrl_c_is_not_for_workers() -> None:
-    """From the moment they are started on: they import for seconds, and would print a traceback each."""
-    events = list(run_tasks(task, [("ctrl-c", "")], 1))
-    assert [(e.kind, e.value) for e in events] == [("done", "True")]
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+def test_a_worker_that_dies_ends_the_run() -> None:
+    events = list(run_tasks(task, [("die", ""), ("sleep", "")], 1))
+    assert {event.kind for event in events} == {"failed"}
+    assert len(events) == 2
 
 
 def test_leaving_early_ends_the_workers() -> None:
     events = run_tasks(task, [("ok", "a"), ("sleep", "")], 2)
-    assert next(events).kind == "progress"
+    assert next(events).value == "aa"
     assert multiprocessing.active_children()
     events.close()
     assert not multiprocessing.active_children()

@@ -116,7 +116,7 @@ def load_map(file: str | Path) -> SavedMap:
     """Read a `map.npz`, or the one in a folder.
 
     Raises:
-        InputError: there is none, it is damaged or has no checksum, or it is no map.
+        InputError: there is none, it is damaged, or it is no map.
     """
     file = as_path("file", file)
     file = file / "map.npz" if file.is_dir() else file

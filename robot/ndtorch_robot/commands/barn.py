@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -83,7 +82,7 @@ class Barn(RobotOptions):
         return worlds
 
 
-def drive_world(job: tuple[BarnFile, RobotOptions], report: Callable[[float], None]) -> dict[str, Any]:
+def drive_world(job: tuple[BarnFile, RobotOptions]) -> dict[str, Any]:
     from ndtorch_robot.barn import attempt
 
     file, options = job

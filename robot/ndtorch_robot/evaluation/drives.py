@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -19,7 +18,6 @@ from ndtorch.utils import workers
 from ndtorch.utils.files import TABLE_BYTES, read_text, write_text
 from ndtorch.utils.packages import code_digest, toml_file
 from ndtorch_robot.config import DriveConfig, RobotOptions
-from ndtorch_robot.ports import Step
 from ndtorch_robot.sim.arenas import FILES
 
 REPORT_EVERY = 0.5
@@ -54,7 +52,7 @@ class Batch:
 
 
 def drive_many(
-    work: Callable[[Job, Callable[[float], None]], dict[str, Any]],
+    work: Callable[[Job], dict[str, Any]],
     jobs: Sequence[Job],
     key: Callable[[Job], Any],
     label: Callable[[Job], str],
@@ -66,7 +64,7 @@ def drive_many(
     """Do those jobs whose results are not in `out`/drives, where they stay for the next time.
 
     Args:
-        work: does one job in a process of its own, and reports how much of its size is done.
+        work: does one job in a process of its own.
         key: what the result depends on, for JSON.
         label: name for people.
         size: for the progress, in s.
@@ -82,21 +80,19 @@ def drive_many(
     kept = out / "drives"
     kept.mkdir(exist_ok=True)
     missing = [n for n, name in enumerate(names) if finished(kept / f"{name}.json") is None]
-    made, troubles, interrupted = [0.0] * len(missing), list[str](), False
+    troubles, interrupted = list[str](), False
     form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s, {rate_fmt}, {remaining} left"
     bar = progress_bar(sum(size(jobs[n]) for n in missing), desc=f"{len(missing)} to do", unit="x", bar_format=form)
     tasks = [jobs[n] for n in missing]
     with bar, closing(workers.run_tasks(work, tasks, processes or workers.cores())) as events:
         try:
             for kind, task, value in events if missing else ():
-                reached = float(value) if kind == "progress" else size(tasks[task])
                 if kind == "done":
                     # Written beside and moved, so that there is never half of it.
                     write_text(kept / f"{names[missing[task]]}.json", json.dumps(value) + "\n")
-                elif kind == "failed":
+                else:
                     troubles.append(f"{label(tasks[task])}: {str(value).strip().splitlines()[-1]}")
-                bar.update(reached - made[task])
-                made[task] = reached
+                bar.update(size(tasks[task]))
         except KeyboardInterrupt:
             interrupted = True
     results = [result for name in names if (result := finished(kept / f"{name}.json")) is not None]
@@ -125,17 +121,8 @@ def key_of(options: RobotOptions) -> list[Any]:
     return [values, *map(read_text, files)]
 
 
-def drive_once(config: DriveConfig, report: Callable[[float], None]) -> dict[str, Any]:
-    """Do one drive; reports the simulated seconds driven so far."""
+def drive_once(config: DriveConfig) -> dict[str, Any]:
+    """Summary of one drive."""
     from ndtorch_robot.drive import drive
 
-    reported = time.monotonic()
-
-    def observe(step: Step) -> None:
-        nonlocal reported
-        now, made = time.monotonic(), (step.number + 1) / config.rate
-        if now - reported > REPORT_EVERY or made >= config.seconds:
-            reported = now
-            report(made)
-
-    return drive(config, [observe]).summary
+    return drive(config).summary

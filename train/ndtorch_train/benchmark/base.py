@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from ndtorch.errors import InputError, did_you_mean
-from ndtorch.utils.workers import Report, run_tasks
+from ndtorch.utils.workers import run_tasks
 
 if TYPE_CHECKING:
     from ndtorch.report.page import Shown
@@ -113,11 +113,10 @@ class Benchmark:
     def _results(self, todo: Sequence[Task], jobs: int, folder: Path) -> Iterator[tuple[str, list[Row] | None, str]]:
         if min(jobs, len(todo)) == 1:  # in this process: another would only cost its start
             for task in todo:
-                yield task.key, _work(task, lambda share: None, folder=folder), ""
+                yield task.key, _work(task, folder=folder), ""
             return
         for kind, index, value in run_tasks(functools.partial(_work, folder=folder), todo, jobs):
-            if kind in ("done", "failed"):
-                yield todo[index].key, value if kind == "done" else None, str(value).strip()
+            yield todo[index].key, value if kind == "done" else None, str(value).strip()
 
     def _write(self, rows: list[Row], folder: Path) -> str:
         """Write NAME.csv, NAME.md, images and report.html; returns the text to print."""
@@ -168,7 +167,7 @@ class Result(NamedTuple):
         return 1 if self.failed else 0
 
 
-def _work(task: Task, report: Report, *, folder: Path) -> list[Row]:
+def _work(task: Task, *, folder: Path) -> list[Row]:
     """One task, in any process, with one thread."""
     import cv2
     import torch

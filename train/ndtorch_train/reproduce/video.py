@@ -68,12 +68,13 @@ def one_object(context: Context) -> Outcome:
     source = ParkingLot()
     constants: dict[str, Any] = {"tau_in": 1.5, "tau_sums": 1.5, "tau_out": 0.75, "gamma": 10.0, "settle": SETTLE}
     model = ndtorch.load("published", fps=source.fps, border="reflect", **constants)
-    state, parts, samples = None, list[Tensor](), list[Tensor]()
+    state, parts, samples, times = None, list[Tensor](), list[Tensor](), list[float]()
     with torch.inference_mode():
         for frames in source.chunks(8):
             signals, state = model(frames, state)
             parts.append(signals.outputs)
             samples.append(state.second.weights)
+            times.append(int(state.second.steps) * model.dt - SETTLE)
     assert state is not None
     outputs, weights, final = torch.cat(parts), torch.stack(samples), state.second.weights
     time = torch.arange(len(outputs), dtype=torch.float64) * model.dt - SETTLE
@@ -83,7 +84,7 @@ def one_object(context: Context) -> Outcome:
     figure, axes = panels("aabbcc;dddeee", 13, 9.5)
     bare(axes[0], np.asarray(source.frames(816, 817)[0].permute(1, 2, 0)), "a frame")
     k = int(final.sum(0).argmax())
-    weight_panel(axes[1], time[7::8], weights, k, f"weights from {FEATURES[k]}")
+    weight_panel(axes[1], torch.tensor(times), weights, k, f"weights from {FEATURES[k]}")
     output_panel(axes[2], time, outputs, "outputs")
     for one in axes[1:3]:
         one.axvspan(ENTERS, 0.7, color="0.85", lw=0, zorder=0)

@@ -164,7 +164,7 @@ class Sweep:
                     rows |= {t: asdict(t) | result for t, result in zip(parts[index], value, strict=True)}
                     pandas.DataFrame(list(rows.values())).to_parquet(table)
                     bar.update(len(parts[index]))
-                elif event == "failed":
+                else:
                     failed.append(str(value).strip())
         frame = pandas.DataFrame([rows[trial] for trial in trials if trial in rows])
         if len(frame):

@@ -19,7 +19,6 @@ from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.navigation import FeatureParams, MatchParams
 from ndtorch.utils.tensors import mapped
-from ndtorch.utils.workers import Report
 from ndtorch.vision import FEATURES
 from ndtorch_train.recorded import from_arrays, map_of, quality, ranges_of, record_drive, score_of
 from ndtorch_train.superposed import Bars, Stimuli, film_bars
@@ -119,8 +118,8 @@ def blocks(trials: Sequence[Trial], jobs: int) -> list[list[Trial]]:
     return [group[k : k + size] for group in groups.values() for k in range(0, len(group), size)]
 
 
-def run_block(trials: Sequence[Any], report: Report | None = None, device: str = "cpu") -> list[Result]:
-    """Results of the trials of one block, in their order, as a task of `ndtorch.utils.workers`."""
+def run_block(trials: Sequence[Any], device: str = "cpu") -> list[Result]:
+    """Results of the trials of one block, in their order."""
     return bind(trials, device) if isinstance(trials[0], BindingTrial) else drive(trials)
 
 
