@@ -7,7 +7,6 @@ import math
 import os
 import re
 import time
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -23,8 +22,6 @@ PACKETS = 20_000
 """Number of packets whose time stamps give the rate of a file."""
 RAW_FPS, FOLDER_FPS, BELIEVED = 25.0, 30.0, 240.0
 """Rates of films without time stamps and of folders; the largest declared rate that counts without time stamps."""
-SAMPLES = 12
-"""Number of images by which the range of deep images is found."""
 SILENCE_S = 10.0
 """Seconds without a frame after which a stream has ended."""
 FIRST_FRAMES, FIRST_S = 30, 1.5
@@ -55,6 +52,21 @@ class Frame(NamedTuple):
     stamp: float
 
 
+class Stretch(NamedTuple):
+    """Values `low` to `high` of deep images are shown as 0 to 255."""
+
+    low: float
+    high: float
+
+    def __call__(self, image: Image) -> Image:
+        scaled = (np.nan_to_num(image.astype(np.float32), nan=self.low) - self.low) * (255 / (self.high - self.low))
+        levels: Image = np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
+        return levels
+
+    def __str__(self) -> str:
+        return f"values {self.low:.6g} to {self.high:.6g} are shown as 0 to 255"
+
+
 class Reader(ABC):
     """A source of decoded frames.
 
@@ -67,6 +79,7 @@ class Reader(ABC):
         size: height and width of a frame.
         names: file names of the frames, of a folder.
         notes: remarks on the source, a line each.
+        stretch: of images of more than eight bits.
         ended: why a live source delivers no more frames.
     """
 
@@ -78,15 +91,12 @@ class Reader(ABC):
     stamps: Sequence[float] = ()
     names: Sequence[str] | None = None
     notes: Sequence[str] = ()
+    stretch: Stretch | None = None
     ended = ""
 
     @abstractmethod
     def read(self) -> Iterator[Frame]:
         """Frames from the first on, until no more can be decoded. A live source goes on where it is."""
-
-    def samples(self) -> list[Image]:
-        """Some images, of a source that may have more than eight bits."""
-        return []
 
     def close(self) -> None:  # noqa: B027  nothing to do for most
         """Close the device, if any is open."""
@@ -141,10 +151,8 @@ class ImagesReader(Reader):
     def __init__(self, path: Path) -> None:
         self.path, self.fps, self.files = path, FOLDER_FPS, image_files(path)
         self.count, self.names = len(self.files), [file.name for file in self.files]
-        for file in self.files:
-            check_claimed_size(file)
         first = self.image(0)
-        self.size = (first.shape[0], first.shape[1])
+        self.size, self.stretch = (first.shape[0], first.shape[1]), find_stretch(first)
         assumed = f"at an assumed {FOLDER_FPS:g} a second; --fps changes that"
         self.notes = [f"{path.name}: {self.count} images {assumed}"]
 
@@ -160,7 +168,7 @@ class ImagesReader(Reader):
         with quiet_opencv(), contextlib.suppress(cv2.error):
             image = cv2.imread(str(path), DEPTH_AND_COLOR)
         if image is None:
-            raise InputError(f"image {path} cannot be read: damaged or not an image")
+            raise InputError(f"image {path} cannot be read: damaged, too large or not an image")
         if number and image.shape[:2] != self.size:
             (height, width), (own_height, own_width) = self.size, image.shape[:2]
             raise InputError(
@@ -172,14 +180,6 @@ class ImagesReader(Reader):
     def read(self) -> Iterator[Frame]:
         for number in range(self.count or 0):
             yield Frame(self.image(number), number / self.fps)
-
-    def samples(self) -> list[Image]:
-        places = {round(place) for place in np.linspace(0, (self.count or 1) - 1, SAMPLES)}
-        images = []
-        for number in sorted(places):
-            with contextlib.suppress(InputError):  # raised when its turn comes
-                images.append(self.image(number))
-        return images
 
 
 class LiveReader(Reader):
@@ -430,24 +430,6 @@ def image_files(folder: Path) -> list[Path]:
     return sorted(images, key=natural)
 
 
-def check_claimed_size(path: Path) -> None:
-    """Raise `InputError` for an image whose header cannot be read, or claims more pixels than `check_pixels` allows."""
-    from PIL import Image as Headers
-
-    if not path.is_file():
-        raise InputError(f"image {path} cannot be read: it is no regular file")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Headers.DecompressionBombWarning)
-            with Headers.open(path) as image:
-                size = (image.height, image.width)
-    except Headers.DecompressionBombError:
-        size = (LONGEST + 1, LONGEST + 1)
-    except Exception:
-        raise InputError(f"image {path} cannot be read: empty, damaged or not an image") from None
-    check_pixels(f"image {path}", *size)
-
-
 def rate_of(stamps: Sequence[float], declared: Iterable[float]) -> float:
     """Frames a second by time stamps: the mean of the intervals near their median; 0 where there are too few.
 
@@ -467,34 +449,11 @@ def rate_of(stamps: Sequence[float], declared: Iterable[float]) -> float:
     return next((one for one in declared if abs(one - rate) <= 0.02 * rate), rate)
 
 
-class Stretch(NamedTuple):
-    """Values `low` to `high` of deep images are shown as 0 to 255."""
-
-    low: float
-    high: float
-
-    def __call__(self, image: Image) -> Image:
-        scaled = (np.nan_to_num(image.astype(np.float32), nan=self.low) - self.low) * (255 / (self.high - self.low))
-        levels: Image = np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
-        return levels
-
-    def __str__(self) -> str:
-        return f"values {self.low:.6g} to {self.high:.6g} are shown as 0 to 255"
-
-
-def find_stretch(images: Sequence[Image]) -> Stretch | None:
-    """The range of deep images with a margin of half; None where all are of eight bits.
-
-    It is so wide that the noise of neighboring pixels stays below three levels.
-    """
-    deep = [image.astype(np.float64) for image in images if image.dtype != np.uint8]
-    values = np.concatenate([image[np.isfinite(image)] for image in deep]) if deep else np.zeros(0)
-    if not deep:
+def find_stretch(image: Image) -> Stretch | None:
+    """The range of a deep image with a margin of half; None of an image of eight bits."""
+    if image.dtype == np.uint8:
         return None
-    if not values.size:
-        return Stretch(0.0, 1.0)
-    low, high = np.quantile(values, (0.001, 0.999))
-    noise = float(np.median([np.nanmedian(np.abs(np.diff(image, axis=1))) for image in deep])) / (0.6745 * 2**0.5)
-    room = max(1.5 * (high - low), 85 * noise, 1e-6)
-    middle = (low + high) / 2
+    values = image[np.isfinite(image)].astype(np.float64)
+    low, high = np.quantile(values, (0.001, 0.999)) if values.size else (0.0, 1.0)
+    middle, room = (low + high) / 2, max(1.5 * (high - low), 1e-6)
     return Stretch(float(middle - room / 2), float(middle + room / 2))

@@ -26,7 +26,6 @@ from ndtorch.scenes.readers import (
     ImagesReader,
     LiveReader,
     Reader,
-    find_stretch,
 )
 
 log = logging.getLogger(__name__)
@@ -147,9 +146,8 @@ class VideoSource(FrameSource):
     ) -> None:
         for line in reader.notes:
             log.info(line)
-        self._stretch = None if reader.live else find_stretch(reader.samples())
-        if self._stretch is not None:
-            warnings.warn(f"video {name} has more than eight bits: {self._stretch}", stacklevel=3)
+        if reader.stretch is not None:
+            warnings.warn(f"video {name} has more than eight bits: {reader.stretch}", stacklevel=3)
         if fit == "reduce":
             rows = min(size[0], reader.size[0])
             size = (rows, max(8, round(rows * reader.size[1] / reader.size[0] / 8) * 8))
@@ -236,8 +234,8 @@ class VideoSource(FrameSource):
         self.cuts = (*self.cuts, time)
 
     def _frame(self, image: Image) -> Tensor:
-        if self._stretch is not None:
-            image = self._stretch(image)
+        if self._reader.stretch is not None:
+            image = self._reader.stretch(image)
         if image.ndim == 2 and not self._grey_noted:
             warnings.warn(f"video {self.name} is grey: copied into red, green and blue", stacklevel=4)
             self._grey_noted = True
