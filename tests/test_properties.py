@@ -19,8 +19,7 @@ from ndtorch.binding.models.foreground import ForegroundConfig
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.binding.models.retinotopic import RetinotopicConfig
 from ndtorch.binding.models.scale_free import ScaleFreeConfig
-from ndtorch.utils.tensors import leaves
-from tests.properties import DT, KINDS, LONG, PUBLIC, QUICK, RIG, SIZE, Part, check, cut, samples, trial
+from tests.properties import DT, KINDS, LONG, PUBLIC, QUICK, RIG, SIZE, Part, check, samples
 from tests.strategies import chunkings
 
 Draw = Callable[..., Tensor]
@@ -140,42 +139,6 @@ def try_part(part: Part, run: tuple[str, int, int, int, list[int]]) -> None:
 @given(run=runs())
 def test_chunks_batches_and_resuming_change_nothing(name: str, run: Any) -> None:
     try_part(PARTS[name], run)
-
-
-@pytest.mark.parametrize("name", PARTS)
-def test_outputs_depend_on_what_is_given_and_on_the_state(name: str) -> None:
-    """Else all that is said above would hold of a module that does nothing."""
-    part = PARTS[name]
-    assert any(depends(part, kind, with_state=name in WAITING) for kind in ("noise", "edges"))
-
-
-WAITING = {"ObjectFiles", "GridMap", "Navigator", "Controller"}
-"""Modules that give the same in their first steps, whatever they see: what they keep is not the same."""
-
-
-def depends(part: Part, kind: str, with_state: bool) -> bool:
-    """Whether other pictures of this kind, and another state, give something else."""
-
-    def made(streams: Any, state: Any = None) -> dict[str, Tensor]:
-        out, kept = part.run(streams, state)
-        return out | leaves(kept, "state") if with_state else out
-
-    chance = torch.Generator().manual_seed(1)
-    one, other = (part.given(lambda *shape: samples((2, 8, *shape), kind, chance)) for _ in range(2))
-    if not part.batched:
-        one, other = trial(one, 0), trial(other, 0)
-    dim = int(part.batched)
-    late = cut(one, dim, 6, 8)
-    with torch.no_grad():
-        if not differ(made(one), made(other)):
-            return False
-        return not part.state or differ(made(late, part.run(cut(one, dim, 0, 6))[1]), made(late))
-
-
-def differ(a: dict[str, Tensor], b: dict[str, Tensor]) -> bool:
-    """Whether two runs gave something else."""
-    assert a.keys() == b.keys()
-    return any(a[name].shape != b[name].shape or not torch.equal(a[name], b[name]) for name in a)
 
 
 @pytest.mark.long

@@ -37,16 +37,6 @@ def test_navigating() -> None:
     assert len(BLOCKS) == 2  # each is run as it is printed
 
 
-def test_make_targets_exist() -> None:
-    makefile = (Path(__file__).resolve().parents[1] / "Makefile").read_text(encoding="utf-8")
-    targets = {
-        word for pair in re.findall(r"^make (\w+)|`make (\w+)`", README, flags=re.MULTILINE) for word in pair if word
-    }
-    assert {"demo", "test", "bench", "setup"} <= targets
-    for target in targets:
-        assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE)
-
-
 def test_links_lead_somewhere() -> None:
     """Of the README and of every page: files that are linked exist."""
     root = Path(__file__).resolve().parents[1]
