@@ -12,7 +12,6 @@ from ndtorch.errors import InputError
 
 if TYPE_CHECKING:
     from ndtorch.navigation.body import Body
-    from ndtorch.navigation.controllers import Controller
     from ndtorch.navigation.localisation.localiser import Localiser
     from ndtorch.navigation.mapping.grid_map import Grid
     from ndtorch.navigation.model import Navigator
@@ -71,7 +70,9 @@ class NavigatorOptions:
 
     def fields(self, rig: StereoRig, body: Body | None = None) -> tuple[Rect, Rect]:
         """The rectangles that the controller looks at."""
-        return self.make(rig, 1 / 30, body).fields
+        from ndtorch.navigation.controllers.registry import make_controller
+
+        return make_controller(self.controller, rig, 1 / 30, self.params(), body=body).fields
 
     def start_pose(self) -> Pose | None:
         """Where the car starts in a known map; None without one."""
@@ -88,20 +89,10 @@ class NavigatorOptions:
         Raises:
             InputError: it cannot do so.
         """
-        from ndtorch.navigation.controllers import controller_class
+        from ndtorch.navigation.controllers.registry import controller_class
 
         kind, goal = controller_class(self.controller), place_of(self.goal)
         return kind.params_for(self.speed, goal=goal, explore=self.explore, return_home=self.return_home)
-
-    def make(self, rig: StereoRig, dt: float, body: Body | None = None) -> Controller:
-        """The controller.
-
-        Raises:
-            InputError: it cannot do what it is asked to.
-        """
-        from ndtorch.navigation.controllers import make_controller
-
-        return make_controller(self.controller, rig, dt, self.params(), body=body)
 
     def navigator(
         self, rig: StereoRig, rate: float, grid: Grid | None = None, near_check: bool = True, body: Body | None = None
@@ -114,7 +105,7 @@ class NavigatorOptions:
             body: of the robot; the car of [A] by default.
         """
         from ndtorch.navigation.body import Body
-        from ndtorch.navigation.controllers import controller_class
+        from ndtorch.navigation.controllers.registry import controller_class
         from ndtorch.navigation.mapping.certainty import SEARCH_SPREAD_PX
         from ndtorch.navigation.mapping.grid_map import GridMap
         from ndtorch.navigation.model import Navigator
@@ -178,7 +169,7 @@ def check_option(name: str, value: Any) -> None:
     if kind in (bool, str) and not isinstance(value, kind):
         raise InputError(f"{name} must be {'text' if kind is str else 'true or false'}, got {value!r}")
     if name == "controller":
-        from ndtorch.navigation.controllers import controller_class
+        from ndtorch.navigation.controllers.registry import controller_class
 
         controller_class(value)
     if name == "goal":

@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.navigation.body import Body
-from ndtorch.navigation.stereo._kernels import Array, Frames, packed
+from ndtorch.navigation.stereo._kernels import Array, Frames, grey_fields, packed
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams, find_places
-from ndtorch.navigation.stereo.strips import read_grey, row_rect
+from ndtorch.navigation.stereo.strips import at_rects, row_rect
 from ndtorch.utils.jit import jit
 
 Floats = npt.NDArray[np.float32]
@@ -26,8 +26,9 @@ Floats = npt.NDArray[np.float32]
 FOCAL, MIN_FOCAL = 215.0, 160.0
 """Focal length of shrunk rows, pixels: what is near is coarse. Rows of a shorter one than the second are not shrunk."""
 
+MATCHING_COUNT = 64
 MATCHING = SearchParams(
-    count=64,
+    count=MATCHING_COUNT,
     rows=1,
     half_width_px=6,
     mean_half_width_px=0,
@@ -113,7 +114,7 @@ class ProximityCheck:
         high = max(low + 2, min(rig.width // fold - 2 * MATCHING.half_width_px - 2, high))
         self.matching = packed(replace(MATCHING, min_disparity_px=low, max_disparity_px=high))
         one, other = rects
-        self.corners = one.top, one.left, other.top, other.left
+        self.corners, self.shape = (one.top, one.left, other.top, other.left), (2, *one.size)
         # A row sees (cos - down sin) ahead for every (sin + down cos) down, `down` being rows below center in focals.
         self.rows, self.horizon = np.arange(one.top, one.bottom), rig.center[1] - rig.focal * math.tan(rig.pitch)
         slant = 1 - (self.rows - rig.center[1]) / rig.focal * math.tan(rig.pitch)
@@ -139,8 +140,8 @@ class ProximityCheck:
             frames, rows: of both cameras, whole or cut to subfields and rows.
             ranges: what was ranged, body frame.
         """
-        images = read_grey(frames, self.rects, self.size)
-        floor_seen = self.floor_correlation(images) >= MIN_CORRELATION
+        images, frames = np.empty(self.shape, np.float32), at_rects(frames, self.rects, self.size)
+        floor_seen = floor_correlation(frames, images, self.corners, self.spans, self.least) >= MIN_CORRELATION
         obstacles, mismatches = self.on_floor(self.obstacles(rows), images), NOWHERE
         near = (ranges.x - self.rig.forward < MAX_DEPTH_M) & (np.abs(ranges.y) <= HALF_WIDTH_M)
         if floor_seen and near.sum() == 1 and not len(obstacles.x):
@@ -148,22 +149,10 @@ class ProximityCheck:
             mismatches = NOWHERE if len(self.on_floor(one, images).x) else one
         return ProximityScan(obstacles, floor_seen, self.across, mismatches)
 
-    def floor_correlation(self, images: Floats) -> float:
-        """Correlation of the floor straight ahead in both subfields `[2, h, w]`; 0 if too little is seen."""
-        return correlation(images[0], images[1], self.corners, self.spans, self.least, MIN_CORRELATION)
-
     def obstacles(self, rows: Frames) -> Obstacles:
-        """Obstacles that are near, whatever the floor shows."""
-        return self.detect(read_grey(rows, self.row, self.size)[:, 0])
-
-    def detect(self, pair: Floats) -> Obstacles:
-        """Obstacles in both rows `[2, W]`: every textured place of the left one is matched with the right one."""
+        """Obstacles that are near, whatever the floor shows: textured places of the left row in the right one."""
         rig, fold = self.rig, self.fold
-        width = pair.shape[1] // fold
-        shrunk = pair[:, : width * fold].reshape(2, 1, width, fold).mean(-1)
-        found = np.empty((3, MATCHING.count), np.float32)
-        find_places(np.ascontiguousarray(shrunk), self.matching, found)
-        left, right = found[:2, found[0] > 0]
+        left, right = near_places(at_rects(rows, self.row, self.size), fold, rig.width // fold, self.matching)
         depth = self.focal * rig.baseline / (left - right)
         aside = rig.baseline / 2 + depth * ((self.center - (fold - 1) / 2) / fold - left) / self.focal
         kept = np.abs(aside) <= HALF_WIDTH_M
@@ -185,6 +174,28 @@ class ProximityCheck:
             spans = spans[None].astype(int)
             kept[group] = correlation(*images, self.corners, spans, GROUP_MIN_PIXELS, UNBROKEN) < UNBROKEN
         return Obstacles(obstacles.x[kept], obstacles.y[kept])
+
+
+@jit
+def near_places(frames: Frames, fold: int, width: int, numbers: Array) -> Array:
+    """Left and right columns of places that both rows show, in pixels of the mean of `fold` each, `[2, n]`."""
+    grey, shrunk = np.empty((2, 1, width * fold), np.float32), np.empty((2, 1, width), np.float32)
+    grey_fields(frames, 1, grey)
+    for eye in range(2):
+        for x in range(width):
+            shrunk[eye, 0, x] = grey[eye, 0, fold * x : fold * (x + 1)].mean()
+    found = np.empty((3, MATCHING_COUNT), np.float32)
+    find_places(shrunk, numbers, found)
+    return found[:2, found[0] > 0]
+
+
+@jit
+def floor_correlation(
+    frames: Frames, images: Array, corners: tuple[int, int, int, int], spans: Array, least: int
+) -> float:
+    """Correlation of the floor straight ahead in both subfields, whose grey becomes `images` `[2, h, w]`."""
+    grey_fields(frames, 1, images)
+    return correlation(images[0], images[1], corners, spans, least, MIN_CORRELATION)
 
 
 @jit

@@ -134,17 +134,17 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
 
     found = int(ranges.valid.sum())
     control, origin = RangingControl(rig, DT), Pose(0.0, 0.0, 0.0)
-    _, floor = control.see(as_frames(left[0], right[0]))
-    start, found_now = control.start(None, origin), StereoRanging(rig, DT).step(as_frames(left[0], right[0]), None)[0]
+    frames = as_frames(left[0], right[0])
+    _, _, floor = control.see(frames)
+    start, found_now = control.start(None, origin), StereoRanging(rig, DT).step(frames, None)[0]
 
     check = ProximityCheck(rig, control.fields)
-    eyes = ((left[0], right[0]), (left[0], right[0]))
 
     def near() -> object:
-        return check(*eyes)
+        return check(frames, frames)
 
     def drive() -> object:
-        seen, _ = control.see(as_frames(next_left[0], next_right[0]), floor)
+        seen, _, _ = control.see(as_frames(next_left[0], next_right[0]), floor)
         return control.step(seen, found_now, origin, Command(0.5, 0.0), start)
 
     result = [

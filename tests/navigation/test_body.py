@@ -23,9 +23,9 @@ from ndtorch.navigation import (
     RangingParams,
     SearchParams,
     StereoRig,
+    controller_names,
 )
 from ndtorch.navigation.body import SPOT_RADIUS
-from ndtorch.navigation.controllers import controller_names
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from ndtorch.navigation import Command, Navigator, StereoRig
-from ndtorch.navigation.proximity import HALF_WIDTH_M, Obstacles, ProximityCheck
+from ndtorch.navigation.proximity import HALF_WIDTH_M, MIN_CORRELATION, Obstacles, ProximityCheck, correlation
 from ndtorch.navigation.stereo.strips import as_frames
 
 RIG = StereoRig(forward=0.15)
@@ -45,7 +45,7 @@ def pair(wall, floor=0.15, paint=0.15, turned_down=0.0):
 
 def looked(left, right):
     obstacles = CHECK.obstacles(as_frames(left[0], right[0]))
-    return obstacles, CHECK.floor_correlation(fields((left, right)))
+    return obstacles, correlation(*fields((left, right)), CHECK.corners, CHECK.spans, CHECK.least, MIN_CORRELATION)
 
 
 @pytest.mark.parametrize("wall", [0.35, 0.5, 0.8])
@@ -120,5 +120,6 @@ def test_equal_steps_of_other_brightness_are_two_things(disparity):
     noise = np.random.default_rng(0).uniform(-0.01, 0.01, RIG.width)
     row = 0.2 + 0.2 * (columns >= 460) + noise
     same, brighter = np.roll(row, -disparity), np.roll(row, -disparity) + 0.4
-    assert len(CHECK.detect(np.stack((row, same)).astype(np.float32)).x) > 0
-    assert len(CHECK.detect(np.stack((row, brighter)).astype(np.float32)).x) == 0
+    left, right, other = (torch.from_numpy(line).float()[None, None] for line in (row, same, brighter))
+    assert len(CHECK.obstacles(as_frames(left, right)).x) > 0
+    assert len(CHECK.obstacles(as_frames(left, other)).x) == 0

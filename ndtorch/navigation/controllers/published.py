@@ -26,8 +26,7 @@ from ndtorch.vision.temporal import FilterState, low_pass_step, smoothing_factor
 
 @dataclass(frozen=True)
 class AvoidanceParams:
-    """Parameters of the published controller [A Methods]; thresholds are in the scaled units of [A fig. 3], raw
-    output x 20.
+    """Parameters of the published controller [A Methods]; thresholds are scaled as in [A fig. 3], raw output x 20.
 
     Args:
         turn_threshold: A turn starts where the magnitude of right - left, low-passed, exceeds this, T_turn.
@@ -121,7 +120,7 @@ class SubfieldMotion(nn.Module):
         self.fields = fields or rig.subfields()
         self.size = (rig.height, rig.width)
         self.nd_min = NDMin(tau_high, dt)
-        sizes = {(r.bottom - r.top, r.right - r.left) for r in self.fields}
+        sizes = {rect.size for rect in self.fields}
         inside = all(0 <= r.top < r.bottom <= rig.height and 0 <= r.left < r.right <= rig.width for r in self.fields)
         if len(sizes) != 1 or not inside:
             raise InputError(f"subfields must be of one size and inside {self.size}, got {self.fields}")
@@ -169,15 +168,11 @@ class SaccadeAvoidance(nn.Module):
         return Command(speed, curvature), state
 
     def step(self, sides: Tensor, state: AvoidanceState) -> tuple[Command, AvoidanceState]:
-        """One time step of the state machine of [A fig. 5].
+        """One time step of the state machine of [A fig. 5], of scaled speed estimates `[..., 2]`.
 
         A turn lasts its time, then comes the suppression; only cruising watches. There both sides below the low
         threshold stop the car for good (what does not move sees nothing move), both above the high one start a
         tight turn, else the smoothed difference can start a normal one. Turns lead away from the larger side.
-
-        Args:
-            sides: speed estimates `[..., 2]` of the left and the right side, scaled.
-            state: before.
         """
         p, (left, right) = self.params, sides.unbind(-1)
         now = right - left
@@ -210,11 +205,7 @@ class SaccadeAvoidance(nn.Module):
 def avoidance(
     left: float, right: float, state: tuple[float, float, float], numbers: Array
 ) -> tuple[tuple[float, float], tuple[float, float, float]]:
-    """`SaccadeAvoidance.step` of one car in plain numbers: command and state, plain tuples, which Numba takes at once.
-
-    Args:
-        numbers: `AvoidanceParams` and its `time_steps`, packed.
-    """
+    """`SaccadeAvoidance.step` of one car in plain numbers and tuples, which Numba takes at once."""
     p, now, (before, age, curvature) = numbers[0], right - left, state
     difference, age = before + p.share * (now - before), age + 1.0
     cruising, high = age >= p.watching, min(left, right) > p.high_threshold
@@ -245,9 +236,7 @@ def saccade_step(
 ) -> tuple[tuple[float, float], tuple[float, float, float]]:
     """`SubfieldMotion` and `SaccadeAvoidance` of one whole frame of each camera: command and state machine.
 
-    Args:
-        low, new_low: states of the high-pass before and after, `[2, h, w]`.
-        state: of the machine before; it and `low` are not read where the car begins on this frame, `settle`.
+    Neither `low` nor `state` is read where the car begins on this frame, `settle`.
     """
     cells = np.empty((2, 1, 1), np.float32)
     subfield_maxima(frames, settle, low, numbers, new_low, cells)
@@ -350,7 +339,7 @@ class SaccadeController(PublishedBase):
         rule, (rect, other) = self.rule, self.fields
         derived = {"share": rule.share, "turn": rule.turn, "watching": rule.watching, "age": rule.age}
         self.numbers, self.size = packed(self.params, a=float(self.look.nd_min.a), **derived), self.look.size
-        self.shape = (2, rect.bottom - rect.top, rect.right - rect.left)
+        self.shape = (2, *rect.size)
         self.corners = (rect.top, other.top), (rect.left, other.left)
 
     def forward(

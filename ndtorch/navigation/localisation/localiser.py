@@ -110,9 +110,9 @@ class Localiser:
     """Corrects dead reckoning by landmarks: the ranges of both rows, matched with all that was ranged before.
 
     A few times a second both rows are searched for ranges, and for the points of the last scan, which gives the motion
-    since then even where the wheels slip (`odometry`). The scan is matched with the map by NDT, and a Kalman filter
-    weighs the match against odometry. Then the scan is added to the map. There is one map, whose parts do not move:
-    where the error has grown beyond about a cell and a half, a loop is not closed.
+    since then even where the wheels slip (`odometry`). The scan is matched with the map by NDT, a Kalman filter weighs
+    the match against odometry, and the scan is added to the map. Where the error has grown beyond about a cell and a
+    half, a loop is not closed.
 
     Called once a frame, `state = localiser(rows, reckoned, state)`, for one car.
 

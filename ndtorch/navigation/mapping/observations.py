@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -19,14 +20,12 @@ class Observations(NamedTuple):
     Attributes:
         x, y: where it is in the world, m.
         weight: what it still counts; 0 in slots that are empty.
-        lifetime: seconds in which its weight falls to 1/e.
         seen_from: `[..., K, 3]`, the pose (x, y, heading) it was seen from.
     """
 
     x: Tensor
     y: Tensor
     weight: Tensor
-    lifetime: Tensor
     seen_from: Tensor
 
 
@@ -42,20 +41,18 @@ class ObservationList(nn.Module):
     Args:
         dt: time step, s.
         capacity: length of the list, K, at least n.
-        lifetime: seconds in which a new observation's weight falls to 1/e; inf forgets nothing.
-        weight: of a new observation.
+        lifetime: seconds in which an observation's weight falls from 1 to 1/e; inf forgets nothing.
 
     Raises:
         InputError: numbers out of range, or ranges and poses that do not belong together.
     """
 
-    def __init__(self, dt: float, capacity: int = 512, lifetime: float = 6.0, weight: float = 1.0) -> None:
+    def __init__(self, dt: float, capacity: int = 512, lifetime: float = 6.0) -> None:
         super().__init__()
         check_number("dt", dt, above=0, unit="seconds")
         check_number("capacity", capacity, above=0, whole=True)
         check_number("lifetime", lifetime, above=0, unit="seconds", endless=True)
-        check_number("weight", weight, above=0)
-        self.dt, self.capacity, self.lifetime, self.weight = dt, capacity, lifetime, weight
+        self.capacity, self.keep = capacity, math.exp(-dt / lifetime)
 
     def forward(
         self, ranges: Ranges, pose: Pose, state: Observations | None = None
@@ -65,33 +62,14 @@ class ObservationList(nn.Module):
         check_batch(state, batch, "x", "seen_from")
         if state is None:
             blank = ranges.x.new_zeros(*batch, self.capacity)
-            state = Observations(blank, blank, blank, blank + 1.0, blank.new_zeros(*blank.shape, 3))
-        weight = ranges.valid.to(ranges.x.dtype) * self.weight
+            state = Observations(blank, blank, blank, blank.new_zeros(*blank.shape, 3))
         x, y = to_world(Pose(*(part.unsqueeze(-1) for part in pose)), ranges.x, ranges.y)
-        for t in range(pose.x.shape[-1]):
-            state = state._replace(weight=state.weight * torch.exp(-self.dt / state.lifetime))
-            here = torch.stack([part[..., t] for part in pose], -1).unsqueeze(-2)
-            state = self.add(state, x[..., t, :], y[..., t, :], weight[..., t, :], here)
+        seen_from = torch.stack(pose, -1).unsqueeze(-2).expand(*x.shape, 3)
+        new = Observations(x, y, ranges.valid.to(x.dtype), seen_from)
+        for t in range(x.shape[-2]):
+            state = state._replace(weight=state.weight * self.keep)
+            parts = zip(new, state, (-1, -1, -1, -2), strict=True)
+            state = Observations(
+                *(torch.cat((one.select(k - 1, t), old), k).narrow(k, 0, self.capacity) for one, old, k in parts)
+            )
         return state, state
-
-    def add(
-        self,
-        state: Observations,
-        x: Tensor,
-        y: Tensor,
-        weight: Tensor,
-        seen_from: Tensor,
-        lifetime: float | None = None,
-    ) -> Observations:
-        """Put points at the front of the list, for instance virtual ones where a rule suspects a wall.
-
-        Args:
-            x, y: world, m; `[..., n]`.
-            weight: `[..., n]`; points of weight 0 take a slot and count nothing.
-            seen_from: pose, broadcast to `[..., n, 3]`.
-            lifetime: of these points; the module's own by default.
-        """
-        seconds = torch.full_like(x, self.lifetime if lifetime is None else lifetime)
-        first, dims = (x, y, weight, seconds, seen_from.expand(*x.shape, 3)), (-1, -1, -1, -1, -2)
-        parts = zip(first, state, dims, strict=True)
-        return Observations(*(torch.cat((new, old), dim).narrow(dim, 0, self.capacity) for new, old, dim in parts))

@@ -168,11 +168,16 @@ def plan(
         goals: cost of ending in each coarse cell, see `goal_costs` and `unvisited_costs`.
         pose: of the car.
         curvature, direction: that it drives, 1/m and +1 or -1.
-        exploring: no path leads through obstacles.
+        exploring: no path leads through obstacles, except in gaps that seem a little too narrow: a few cells more or
+            less decide about a door.
     """
     clear = clearance(m.blocked if exploring else hidden(m), m.cell)
     side, (row, column) = m.cell * COARSE, m.cells_of(pose[0], pose[1], COARSE)
-    cost = costmap(p, clear, m.unknown, exploring)
+    near = downscale(clear)
+    lack = (INFLATION_RADIUS_M - near) / (INFLATION_RADIUS_M - p.min_clearance_m)
+    cost = 1.0 + CLEARANCE_COST * np.clip(lack, 0.0, 1.0) + UNKNOWN_COST * (downscale(~m.unknown) < 0.5)
+    cost += OBSTACLE_COST * (near < p.min_clearance_m - NARROW_M)
+    cost = np.where(exploring & (near < LETHAL_M), np.inf, cost).astype(np.float32)
     to_go = dijkstra(cost, goals, side, int(row * cost.shape[1] + column), 2.0 * HORIZON_M + 2.0)
     start = np.array((*pose, curvature, direction), np.float32)
     if not math.isfinite(to_go[row, column]):
@@ -183,22 +188,6 @@ def plan(
     path = lattice_astar(layers, start, curvatures, p.centers, p.min_clearance_m)
     path = np.column_stack((path, speed_profile(p, path, m, clear))).astype(np.float32)
     return Plan(path, float(to_go[row, column]), to_go)
-
-
-def costmap(p: PlannerParams, clear: Floats, unknown: Bools, exploring: bool = False) -> Floats:
-    """Cost of a metre in each coarse cell.
-
-    Args:
-        clear: `clearance`.
-        unknown: cells.
-        exploring: a path costs inf through obstacles, except in gaps that seem a little too narrow: a few cells more
-            or less decide about a door.
-    """
-    near = downscale(clear)
-    lack = (INFLATION_RADIUS_M - near) / (INFLATION_RADIUS_M - p.min_clearance_m)
-    cost = 1.0 + CLEARANCE_COST * np.clip(lack, 0.0, 1.0) + UNKNOWN_COST * (downscale(~unknown) < 0.5)
-    cost += OBSTACLE_COST * (near < p.min_clearance_m - NARROW_M)
-    return np.where(exploring & (near < LETHAL_M), np.inf, cost).astype(np.float32)
 
 
 def unvisited_costs(p: PlannerParams, m: LocalMap, visited: Bools) -> Floats:

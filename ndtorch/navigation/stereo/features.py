@@ -174,17 +174,14 @@ def pick(
 
 def describe(row: Tensor, column: Tensor, strength: Tensor, params: FeatureParams) -> Features:
     """Cut the patches and drop weak and ambiguous features, and of two that meet at one edge the weaker one."""
-    twin = torch.zeros_like(strength, dtype=torch.bool)
+    twin, sides = torch.zeros_like(strength, dtype=torch.bool), (-1.0, 0.0, 1.0)
     if params.edge_reach_px:
-        column = edge_places(row, column, params.edge_reach_px)
-        patch = sample(row, column.unsqueeze(-1) + torch.tensor(EDGE_SIDES, dtype=row.dtype, device=row.device))
+        column, sides = edge_places(row, column, params.edge_reach_px), EDGE_SIDES
         same = (column.unsqueeze(-1) - column.unsqueeze(-2)).abs() < SAME_EDGE
         weaker = strength.unsqueeze(-1) < strength.unsqueeze(-2)
         equal = strength.unsqueeze(-1) == strength.unsqueeze(-2)
         twin = (same & (weaker | equal.tril(-1))).any(-1)  # of two equals the later one
-    else:
-        around = torch.arange(-1, 2, device=row.device)
-        patch = row.gather(-1, (column.unsqueeze(-1) + around).flatten(-2)).view(*column.shape, 3)
+    patch = sample(row, column.unsqueeze(-1) + torch.tensor(sides, dtype=row.dtype, device=row.device))
     other = patch_error(patch, patch).masked_fill(twin.unsqueeze(-2), math.inf)
     other.diagonal(dim1=-2, dim2=-1).fill_(math.inf)
     valid = (strength >= params.min_motion) & ~twin & (other.amin(-1) >= params.min_difference)

@@ -38,6 +38,11 @@ class Rect(NamedTuple):
     left: int
     right: int
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.bottom - self.top, self.right - self.left
+
 
 @dataclass(frozen=True)
 class StereoRig:

@@ -67,7 +67,7 @@ def grey_pair(left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, si
     """
     check_alike(left, right)
     time_dim(left, 3, "left")
-    cut_size = (left_rect.bottom - left_rect.top, left_rect.right - left_rect.left)
+    cut_size = left_rect.size
     if left.shape[-3] not in (1, 3) or left.shape[-2:] not in (size, cut_size):
         raise wrong_size(size, cut_size, left.shape)
     if left.shape[-2:] == size:
@@ -133,14 +133,14 @@ def at_rects(frames: Frames, rects: tuple[Rect, Rect], size: tuple[int, int]) ->
     one, other = rects
     if shape == size:
         return Frames(*frames[:4], (one.top, other.top), (one.left, other.left))
-    if shape != (one.bottom - one.top, one.right - one.left):
-        raise wrong_size(size, (one.bottom - one.top, one.right - one.left), frames.left.shape)
+    if shape != one.size:
+        raise wrong_size(size, one.size, frames.left.shape)
     return frames
 
 
 def read_grey(frames: Frames, rects: tuple[Rect, Rect], size: tuple[int, int]) -> Array:
     """Grey of one rectangle of each image, `[2, h, w]`; frames are whole, of `size`, or cut to the rectangles."""
-    grey = np.empty((2, rects[0].bottom - rects[0].top, rects[0].right - rects[0].left), np.float32)
+    grey = np.empty((2, *rects[0].size), np.float32)
     grey_fields(at_rects(frames, rects, size), 1, grey)
     return grey
 

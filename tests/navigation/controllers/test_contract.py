@@ -15,8 +15,10 @@ from ndtorch.navigation import (
     controller_names,
     make_controller,
 )
-from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, Controller, Trace, register, registry
+from ndtorch.navigation.controllers import registry
+from ndtorch.navigation.controllers.contract import Controller, Trace
 from ndtorch.navigation.controllers.published import AvoidanceParams, SubfieldMotion
+from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, register
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)

@@ -108,7 +108,7 @@ def test_a_ranged_wall_is_driven_around():
 
 
 def test_no_speed_is_above_that_of_the_task():
-    control = NavigatorOptions("goal", speed=0.25).make(RIG, DT)
+    control = GoalControl(RIG, DT, NavigatorOptions("goal", speed=0.25).params())
     params, slow = control.params, control.reactive
     speeds = (params.tight_speed_m_per_s, params.unknown_speed_m_per_s, slow.speed_m_per_s, slow.reverse_speed_m_per_s)
     assert params.speed_m_per_s == 0.25

@@ -5,17 +5,7 @@ import copy
 import numpy as np
 import pytest
 
-from ndtorch.navigation import (
-    CRUISE,
-    REVERSE,
-    STOPPED,
-    SUPPRESSED,
-    TURN,
-    Command,
-    Pose,
-    Ranges,
-    StereoRig,
-)
+from ndtorch.navigation import CRUISE, REVERSE, STOPPED, SUPPRESSED, TURN, Command, Pose, Ranges, StereoRig
 from ndtorch.navigation.controllers.ranging._kernels import next_mode
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor import BLOCKS, floor_view
