@@ -161,12 +161,12 @@ def timed(image: Pixels, seconds: float) -> Pixels:
 
 
 def contrasting(color: tuple[int, int, int]) -> tuple[int, int, int]:
-    """Black for a light color, white for all others: the rim that a color is drawn on."""
+    """Black for a light color, white for all others: what a color is drawn on."""
     return (0, 0, 0) if sum(color) > 3 * 200 else (255, 255, 255)
 
 
 def put_text(image: Pixels, text: str, column: int, baseline: int, color: tuple[int, int, int]) -> None:
-    """Write on an image, in color on a rim, inside the picture; not on one of fewer than 100 rows."""
+    """Write on an image, in color on a plate, inside the picture; not on one of fewer than 100 rows."""
     import cv2
 
     if len(image) < 100:
@@ -174,5 +174,6 @@ def put_text(image: Pixels, text: str, column: int, baseline: int, color: tuple[
     font, scale = cv2.FONT_HERSHEY_SIMPLEX, max(0.4, len(image) / 560)
     (wide, tall), _ = cv2.getTextSize(text, font, scale, 1)
     place = (min(max(2, column), max(2, image.shape[1] - wide - 2)), min(max(tall + 2, baseline), len(image) - 3))
-    for ink, width in ((contrasting(color), 3), (color, 1)):
-        cv2.putText(image, text, place, font, scale, ink, width, cv2.LINE_AA)
+    low, high = (place[0] - 2, place[1] + tall // 3), (place[0] + wide + 2, place[1] - tall - 2)
+    cv2.rectangle(image, low, high, contrasting(color), -1)
+    cv2.putText(image, text, place, font, scale, color, 1, cv2.LINE_AA)

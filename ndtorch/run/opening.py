@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import torch
 
-from ndtorch.binding import BindingModel, load_state, to_device, train_first_stage
+from ndtorch.binding import BindingModel, load_state, to_device
 from ndtorch.binding.saving import frames_taken, read_about
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.loading import load, model_kind, model_names
@@ -94,8 +94,6 @@ def prepare(job: BindJob) -> Prepared:
         source = open_place(job, kept, CAMERA_MODELS.get(kind))
         seconds = CAMERA_SECONDS if seconds is None and live and job.stop is None else seconds
     options = given(job, *MODEL_OPTIONS)
-    if job.first_stage_radius is not None:
-        options["first_stage"] = train_first_stage(radius=job.first_stage_radius)
     if kind not in CAMERA_MODELS:
         options["border"] = "wrap" if job.source in SCENES else "reflect"
     model = load(model_name, size=source.size, fps=source.fps, **options).to(device)

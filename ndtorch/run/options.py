@@ -31,8 +31,6 @@ class BindJob:
     """Learning rule of published: competitive (default), cooperative or hebbian."""
     order: Literal["filter-first", "printed"] | None = None
     """High-pass of published: before group normalisation (filter-first, default) or after it (printed)."""
-    first_stage_radius: float | None = None
-    """Spectral radius that the first stage is trained to (default: the model's own, 0.9)."""
     settle: float | None = None
     """Time before learning starts, s (default 4 for published, 0.5 for scale-free)."""
     seed: int | None = None
@@ -58,7 +56,7 @@ class BindJob:
 MODEL_OPTIONS = ("rule", "order", "gamma", "settle")
 """Options that go into the model's own constants."""
 
-FIXED = ("phase", "order", "first_stage_radius", "settle", "seed", "fps", "start", "every", "fit")
+FIXED = ("phase", "order", "settle", "seed", "fps", "start", "every", "fit")
 """Options that cannot change when a run is resumed."""
 
 OWN = ("seconds", "stop", "device", "pictures", "gamma", "rule", "resume")
