@@ -165,7 +165,7 @@ def contrasting(color: tuple[int, int, int]) -> tuple[int, int, int]:
     return (0, 0, 0) if sum(color) > 3 * 200 else (255, 255, 255)
 
 
-def put_text(image: Pixels, text: str, column: int, baseline: int, color: tuple[int, int, int]) -> None:
+def put_text(image: Pixels, text: str, column: int, bottom: int, color: tuple[int, int, int]) -> None:
     """Write on an image, in color on a plate, inside the picture; not on one of fewer than 100 rows."""
     import cv2
 
@@ -173,7 +173,8 @@ def put_text(image: Pixels, text: str, column: int, baseline: int, color: tuple[
         return
     font, scale = cv2.FONT_HERSHEY_SIMPLEX, max(0.4, len(image) / 560)
     (wide, tall), _ = cv2.getTextSize(text, font, scale, 1)
-    place = (min(max(2, column), max(2, image.shape[1] - wide - 2)), min(max(tall + 2, baseline), len(image) - 3))
-    low, high = (place[0] - 2, place[1] + tall // 3), (place[0] + wide + 2, place[1] - tall - 2)
+    right, lowest = max(2, image.shape[1] - wide - 2), len(image) - tall // 3 - 1
+    x, y = min(max(2, column), right), min(max(tall + 2, bottom - tall // 3), lowest)
+    low, high = (x - 2, y + tall // 3), (x + wide + 2, y - tall - 2)
     cv2.rectangle(image, low, high, contrasting(color), -1)
-    cv2.putText(image, text, place, font, scale, color, 1, cv2.LINE_AA)
+    cv2.putText(image, text, (x, y), font, scale, color, 1, cv2.LINE_AA)
