@@ -237,7 +237,7 @@ class LinkDrive(Drive):
             self.trips.append(now - sent)
         new = telemetry.faults & ~(before.faults if before is not None else Fault(0))
         if Fault.BATTERY in new:
-            self.report(f"link: battery low, {telemetry.battery:.1f} V")
+            self.report(f"link: battery low, {telemetry.battery_v:.1f} V")
         if Fault.WATCHDOG in new:
             self.report("link: the board was reset by its watchdog timer")
         if self.standing:

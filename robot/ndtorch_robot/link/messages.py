@@ -88,40 +88,32 @@ class Telemetry(NamedTuple):
         armed: whether it obeys commands.
         faults: why it does not.
         applied: speed, m/s, after the ramp, and curvature, 1/m, that the pulses mean.
-        battery: V, 0 when it is not measured.
-        motor, front, rear: pulse widths, us.
+        battery_v: 0 when it is not measured.
+        motor_us, front_us, rear_us: pulse widths.
         rejected: frames refused since it was switched on.
-        uptime: s, modulo 65536.
+        uptime_s: modulo 65536.
     """
 
     echo: int
     armed: bool
     faults: Fault
     applied: DriveCommand
-    battery: float
-    motor: int
-    front: int
-    rear: int
+    battery_v: float
+    motor_us: int
+    front_us: int
+    rear_us: int
     rejected: int
-    uptime: int
+    uptime_s: int
 
     def words(self) -> list[str]:
         return [WORDS[fault] for fault in Fault if fault in self.faults]
 
     def values(self) -> dict[str, Any]:
         """All but the echo for JSON, units in the keys."""
-        return {
-            "armed": self.armed,
-            "faults": self.words(),
-            "applied_m_per_s": self.applied.speed,
-            "applied_per_m": self.applied.curvature,
-            "battery_v": self.battery,
-            "motor_us": self.motor,
-            "front_us": self.front,
-            "rear_us": self.rear,
-            "rejected": self.rejected,
-            "uptime_s": self.uptime,
-        }
+        values = self._asdict()
+        del values["echo"], values["applied"]
+        speed, curvature = self.applied
+        return values | {"faults": self.words(), "applied_m_per_s": speed, "applied_per_m": curvature}
 
 
 def encode_frame(frame: Frame) -> bytes:

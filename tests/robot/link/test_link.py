@@ -51,7 +51,7 @@ def test_frames_as_they_go_over_the_line():
     assert command_body(DriveCommand(-1.0, 0.001)) == struct.pack("<hh", -1000, 1)
     body = bytes([5, 0, 1, 16, 0xF4, 1, 0x18, 0xFC, 0xE8, 0x1C, 0x5E, 6, 0xDC, 5, 0xDC, 5, 3, 0, 60, 0])
     t = read_telemetry(body)
-    assert (t.echo, t.armed, t.applied, t.battery, t.motor, t.rejected, t.uptime) == (
+    assert (t.echo, t.armed, t.applied, t.battery_v, t.motor_us, t.rejected, t.uptime_s) == (
         *(5, True, (0.5, -1.0), 7.4),
         *(1630, 3, 60),
     )
