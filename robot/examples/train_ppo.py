@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from ndtorch.navigation import Command, Navigator
 from ndtorch_robot.gym import register, strips_of
-from ndtorch_robot.obstacles import nearest_by_sector, seen_obstacles
+from ndtorch_robot.navigator_runner import nearest_by_sector, seen_obstacles
 from ndtorch_robot.sim.simulation import RIG
 
 ENVIRONMENT, TRAINING, UNSEEN = "ndtorch/Loop-v0", range(8), (1000, 1001, 1002)

@@ -12,8 +12,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.navigation import StereoRig, Strips, cut_strips
-from ndtorch_robot.faults import Fault, FaultKind
-from ndtorch_robot.ports import StereoFrames
+from ndtorch_robot.ports import Fault, FaultKind, StereoFrames
 
 Array = np.ndarray[Any, np.dtype[np.float32]]
 

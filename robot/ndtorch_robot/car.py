@@ -19,9 +19,8 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import STOPPED
-from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.navigator_runner import NavigatorRunner
-from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, Observer, Step
+from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, FaultKind, Observer, Step
 from ndtorch_robot.safety import SafeDrive
 
 KEPT = 30_000

@@ -22,9 +22,8 @@ from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.metrics import MapScore, coverage, score_map
 from ndtorch_robot.evaluation.record import Record, pose_error
-from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.navigator_runner import NavigatorRunner, WalkedPath, runner_ndt_cells
-from ndtorch_robot.ports import DriveCommand, Observer, Step, print_note
+from ndtorch_robot.ports import DriveCommand, FaultKind, Observer, Step, print_note
 from ndtorch_robot.recording import Recorder
 from ndtorch_robot.safety import DriveState, SafeDrive
 from ndtorch_robot.sim.arenas import load_arena

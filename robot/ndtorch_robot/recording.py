@@ -25,8 +25,7 @@ from ndtorch.navigation import Body, Grid, Pose, Ranges, StereoRig, Strips, cut_
 from ndtorch.navigation.options import options_of
 from ndtorch.utils.files import open_regular
 from ndtorch_robot import ros_messages as ros
-from ndtorch_robot.navigator_runner import NavigatorRunner
-from ndtorch_robot.obstacles import seen_obstacles
+from ndtorch_robot.navigator_runner import NavigatorRunner, seen_obstacles
 from ndtorch_robot.ports import DriveCommand, Observer, Placed, Report, Step, StereoFrames
 from ndtorch_robot.step_thread import StepThread
 

@@ -10,8 +10,18 @@ from enum import Enum, auto
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch_robot.camera_monitor import CameraMonitor
-from ndtorch_robot.faults import Fault, FaultKind
-from ndtorch_robot.ports import _SEAL, STAND, Clock, Drive, DriveCommand, Report, SafeCommand, StereoFrames
+from ndtorch_robot.ports import (
+    _SEAL,
+    STAND,
+    Clock,
+    Drive,
+    DriveCommand,
+    Fault,
+    FaultKind,
+    Report,
+    SafeCommand,
+    StereoFrames,
+)
 
 PATIENCE = 10.0
 """Seconds for which a resumed car keeps trying while its drive cannot obey yet."""

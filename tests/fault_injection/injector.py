@@ -11,9 +11,8 @@ import numpy as np
 
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
-from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.link.simulated import SteppedWorld
-from ndtorch_robot.ports import Step
+from ndtorch_robot.ports import FaultKind, Step
 from ndtorch_robot.safety import DriveState
 from ndtorch_robot.sim.firmware_host import Pulse
 from tests.fault_injection.camera_faults import FaultyCameras

@@ -17,7 +17,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Command, Grid, GridMap, NavigatorState, Pose, Ranges, StereoRig
 from ndtorch.utils.toml import Strict, check
 from ndtorch_robot.bridges import BRIDGES, Bridge, BridgeThread, Opening, bridge, open_bridges
-from ndtorch_robot.obstacles import nearest_by_sector, seen_obstacles
+from ndtorch_robot.navigator_runner import nearest_by_sector, seen_obstacles
 from ndtorch_robot.ports import DriveCommand, Step
 from ndtorch_robot.run_config import RunConfig
 from tests.robot.support.autopilot import Autopilot, free_port, wait_for

@@ -11,8 +11,7 @@ from ndtorch.navigation import StereoRig, Strips
 from ndtorch_robot.camera_monitor import CameraMonitor, mounting_fault
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
-from ndtorch_robot.faults import FaultKind
-from ndtorch_robot.ports import StereoFrames
+from ndtorch_robot.ports import FaultKind, StereoFrames
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import Simulation
 

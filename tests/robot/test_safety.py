@@ -23,8 +23,7 @@ from ndtorch.navigation import StereoRig
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.emergency import watch
-from ndtorch_robot.faults import Fault, FaultKind
-from ndtorch_robot.ports import STAND, DriveCommand, SafeCommand, StereoFrames, unseal
+from ndtorch_robot.ports import STAND, DriveCommand, Fault, FaultKind, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.safety import DriveState, SafeDrive, SafetyLimits
 from tests.robot.support.cars import RIG, FilmCar, PlainDrive, SimulatedClock, bare_loop, moving_world
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from ndtorch_robot.bridges import Bridge, Opening, bridge
 from ndtorch_robot.link.mavlink import MavlinkConnection, MavlinkDrive, MavlinkSettings
-from ndtorch_robot.obstacles import nearest_by_sector, seen_obstacles
+from ndtorch_robot.navigator_runner import nearest_by_sector, seen_obstacles
 from ndtorch_robot.ports import Step
 
 SECTORS = 72

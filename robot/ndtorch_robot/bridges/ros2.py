@@ -16,7 +16,7 @@ from ndtorch.utils.packages import need
 from ndtorch.utils.toml import Strict
 from ndtorch_robot import ros_messages as ros
 from ndtorch_robot.bridges import Bridge, Opening, bridge
-from ndtorch_robot.obstacles import seen_obstacles
+from ndtorch_robot.navigator_runner import seen_obstacles
 from ndtorch_robot.ports import Step
 
 CONFIG = """<CycloneDDS><Domain Id="any">

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
+import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Body, Rect, StereoRig, Strips
+from ndtorch.navigation.stereo.strips import row_rect
 from ndtorch_robot.ports import STAND, CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
-from ndtorch_robot.sim._kernels import rectangle_touches
-from ndtorch_robot.sim.cameras import Cameras
+from ndtorch_robot.sim._kernels import rasterise, rectangle_touches
 from ndtorch_robot.sim.disturbances import Disturbances, Effects
-from ndtorch_robot.sim.plan import Plan, Point, SpawnPoints
-from ndtorch_robot.sim.textures import Walls
-from ndtorch_robot.sim.world import PEDESTRIAN_RADIUS, build
+from ndtorch_robot.sim.plan import Floats, Plan, Point, SpawnPoints
+from ndtorch_robot.sim.textures import Image, Walls
+from ndtorch_robot.sim.world import PEDESTRIAN_RADIUS, World, build
 
 Odometry = Literal["true", "noisy"]
 
@@ -140,6 +142,81 @@ class Car:
         curvature = self.turned / self.length if abs(self.length) > 1e-9 else 0.0
         self.length = self.turned = self.seconds = 0.0
         return DriveCommand(speed, curvature)
+
+
+REACH = (0.02, 60.0)
+"""Nearest and farthest distance that is rendered, m."""
+
+
+class Cameras:
+    """Renders what the cameras of a rig see from a pose of the car.
+
+    The pixels of a strip equal those of the whole frame to the bit.
+
+    Args:
+        world: of `build`.
+        rig: the camera pair.
+        fields: the subfields of both images; `rig.subfields()` by default.
+        full_frames: render whole frames instead of strips.
+        disturbances: how the real cameras differ from `rig`.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        rig: StereoRig,
+        fields: tuple[Rect, Rect] | None = None,
+        full_frames: bool = False,
+        disturbances: Disturbances | None = None,
+    ) -> None:
+        self.world, self.rig, self.full_frames = world, rig, full_frames
+        self.errors = disturbances or Disturbances()
+        self.fields = fields or rig.subfields()
+        self.strips = tuple((field, row_rect(rig)) for field in self.fields)
+
+    def look(self, x: float, y: float, heading: float) -> list[torch.Tensor | Strips]:
+        """What the left and the right camera see with the car there: frames `[1, 3, H, W]` uint8, or `Strips`."""
+        views = [self.view(x, y, heading, side) for side in (0, 1)]
+        if self.full_frames:
+            return [torch.from_numpy(self.frame(view))[None] for view in views]
+        pieces = iter(self.render(views, self.strips))
+        return [Strips(*(torch.from_numpy(next(pieces))[None] for _ in rects)) for rects in self.strips]
+
+    def render(self, views: Sequence[Floats], rects: Sequence[Sequence[Rect]]) -> list[Image]:
+        """The pixels of rectangles of each view, `[3, h, w]`, the colors of a pixel next to each other in memory."""
+        parts, begins, size, w = [], [], 0, self.world
+        for number, some in enumerate(rects):
+            for rect in some:
+                high, wide = rect.bottom - rect.top, rect.right - rect.left
+                parts.append([number, *rect, size])
+                begins.append((size, high, wide))
+                size += high * wide
+        cameras, out = np.array(views), np.empty((size, 3), np.uint8)
+        rasterise(w.corners, w.surface, w.texels, w.mipmaps, cameras, np.array(parts), REACH, out)
+        return [out[n : n + high * wide].reshape(high, wide, 3).transpose(2, 0, 1) for n, high, wide in begins]
+
+    def frame(self, view: Floats) -> Image:
+        return self.render([view], [[Rect(0, self.rig.height, 0, self.rig.width)]])[0]
+
+    def view(self, x: float, y: float, heading: float, side: int) -> Floats:
+        """A camera, 0 the left one, 1 the right one, as the kernel `visible_triangles` takes it, `[4, 3]`."""
+        e, rig = self.errors, self.rig
+        ahead, left = direction(heading), direction(heading + math.pi / 2)
+        aside = (0.5 - side) * rig.baseline * (1 + e.baseline_error_ratio)
+        position = np.array([x, y, rig.camera_height]) + rig.forward * ahead + aside * left
+        yaw, roll = heading + math.radians(e.yaw_deg + side * e.right_yaw_deg), math.radians(e.roll_deg)
+        pitch, vertical = rig.pitch + math.radians(e.pitch_deg), np.array([0.0, 0.0, 1.0])
+        ahead, left = direction(yaw), direction(yaw + math.pi / 2)
+        upward = math.sin(pitch) * ahead + math.cos(pitch) * vertical
+        forward = math.cos(pitch) * ahead - math.sin(pitch) * vertical
+        upward = math.cos(roll) * upward - math.sin(roll) * left
+        focal, (column, row) = rig.focal * (1 + e.focal_error_ratio), rig.center
+        across = focal * np.cross(forward, upward) + column * forward
+        return np.stack((position, across, row * forward - focal * upward, forward))
+
+
+def direction(angle: float) -> Floats:
+    return np.array([math.cos(angle), math.sin(angle), 0.0])
 
 
 class Simulation(Drive):

@@ -8,10 +8,9 @@ import torch
 
 from ndtorch.navigation import Rect, StereoRig
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.disturbances import Disturbances
 from ndtorch_robot.sim.plan import Plan, ring
-from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.sim.simulation import RIG, Cameras, Simulation
 from ndtorch_robot.sim.world import World, with_mipmaps
 
 
