@@ -86,7 +86,8 @@ def check_kind(name: str, value: object, kind: type) -> None:
 
 def check_state(state: Any, kind: type) -> None:
     """Raise `InputError` unless `state` is None or of the class that the module returns."""
-    check_kind("state", state, kind)
+    if state is not None and not isinstance(state, kind):
+        check_kind("state", state, kind)
 
 
 def check_batch(state: Any, batch: tuple[int, ...], *names: str) -> None:

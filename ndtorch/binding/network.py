@@ -27,7 +27,7 @@ from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
 from ndtorch.errors import InputError
 from ndtorch.utils.backend import Backend, check_backend
 from ndtorch.vision.blocks import BlockLowPass, Stretch
-from ndtorch.vision.temporal import low_pass_step, smoothing_factor
+from ndtorch.vision.temporal import low_pass, smoothing_factor
 
 MOST_NEURONS = 8192
 """Their weights are N x N: 256 MiB in single precision."""
@@ -197,10 +197,18 @@ class InhibitoryNetwork(nn.Module):
 
     def forward(self, inputs: Tensor, state: NetworkState | None = None) -> tuple[Tensor, NetworkState]:
         check_state(state, NetworkState)
-        time, c = self._check(inputs), self.constants
+        time = self._check(inputs)
         check_batch(state, inputs.shape[:time], "weights", "outputs")
+        return self.scan(inputs, state)
+
+    def scan(self, inputs: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
+        """`forward` without checks, for models whose inputs are their own."""
+        c, time = self.constants, -3 if self.shared else -2
         state = self.start(inputs.select(time, 0)) if state is None else state
-        drive, input_low = self._drive(inputs, state.input_low, time)
+        drive, input_low = inputs, state.input_low
+        if self.a_in:
+            lows, input_low = low_pass(inputs, input_low, self.a_in, time)
+            drive = inputs - lows
         outs, now = [], state
         shifts: list[tuple[Tensor, Tensor | None]] = []
         blocks: Sequence[Tensor]
@@ -212,7 +220,7 @@ class InhibitoryNetwork(nn.Module):
         else:
             stretch = Stretch(state.recent, drive, state.steps, c.every, time)
             first, blocks, whole = stretch.first, stretch.blocks, stretch.whole
-        ahead = self._moments(state, first, len(blocks), drive.select(time, 0))
+        ahead = self._moments(state, first, len(blocks), drive.select(time, 0)) if blocks else iter(())
         moment = next(ahead, None)
         for block, known in zip(blocks, whole, strict=True):
             out, after, shift = network_step(block, now, c, moment)
@@ -231,13 +239,15 @@ class InhibitoryNetwork(nn.Module):
         else:
             out = stretch.joined(outs, lambda rest: through(rest, now.weights, c.shared))
             now = now._replace(recent=stretch.recent)
-        power, roughness = self._diagnose(out, state, time)
+        power, roughness = state.power, state.roughness
+        if c.feedback == "delayed":  # settled networks cannot alternate
+            power, roughness = self._diagnose(out, state, time)
         steps = state.steps + inputs.shape[time]
         return out, now._replace(
             outputs=out.select(time, -1),
             input_low=input_low,
             clock=now.clock if c.faint else torch.zeros_like(now.clock) + steps,
-            changes=latest_changes(state.changes, shifts),
+            changes=latest_changes(state.changes, shifts) if shifts else state.changes,
             power=power,
             roughness=roughness,
             steps=steps,
@@ -262,23 +272,10 @@ class InhibitoryNetwork(nn.Module):
             raise InputError(f"inputs must hold at least one time step, got {tuple(inputs.shape)}")
         return time
 
-    def _drive(self, inputs: Tensor, low: Tensor, time: int) -> tuple[Tensor, Tensor]:
-        """High-passed inputs i' and the filter's state."""
-        if self.a_in == 0:
-            return inputs, low
-        lows = []
-        for x in inputs.unbind(time):
-            low = low_pass_step(x, low, self.a_in)
-            lows.append(low)
-        return inputs - torch.stack(lows, time), low
-
     def _diagnose(self, out: Tensor, state: NetworkState, time: int) -> tuple[Tensor, Tensor]:
         """Running means of squared outputs and of squared differences of successive outputs."""
-        if self.constants.feedback == "settled":  # which cannot alternate
-            return state.power, state.roughness
         out = out.detach()
         before = torch.cat([state.outputs.detach().unsqueeze(time), out.narrow(time, 0, out.shape[time] - 1)], time)
         mean = torch.cat([state.power, state.roughness], -1)
-        for square in torch.cat([out, out - before], -1).square().unbind(time):
-            mean = low_pass_step(square, mean, self.a_rough)
+        _, mean = low_pass(torch.cat([out, out - before], -1).square(), mean, self.a_rough, time)
         return mean[..., : self.neurons], mean[..., self.neurons :]

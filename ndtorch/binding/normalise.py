@@ -8,13 +8,17 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_state, check_tensor
+from ndtorch.arguments import check_number, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
-from ndtorch.vision.temporal import FilterState, HighPass, RecentMaxState, RunningMax, time_dim
+from ndtorch.vision.temporal import FilterState, HighPass, RecentMaxState, RunningMax, check_series
 
 Order = Literal["filter-first", "printed"]
 ORDERS: tuple[Order, ...] = ("filter-first", "printed")
+
+
+SIZES = [group.stop - group.start for group in GROUPS.values()]
+"""Features of each group."""
 
 
 class InputState(NamedTuple):
@@ -71,23 +75,25 @@ class BindingInputs(nn.Module):
         self.recent_max = RunningMax(window, dt)
 
     def forward(self, sums: Tensor, state: InputState | None = None) -> tuple[tuple[Tensor, Tensor], InputState]:
-        check_state(state, InputState)
-        time_dim(sums, 1, "sums")
-        check_tensor("sums", sums)
+        check_series(sums, 1, state, InputState, "sums")
         if sums.shape[-1] != 10:
             raise InputError(f"sums must be [..., T, 10], got {tuple(sums.shape)}")
+        return self.scan(sums, state)
+
+    def scan(self, sums: Tensor, state: InputState | None) -> tuple[tuple[Tensor, Tensor], InputState]:
+        """`forward` without checks, for modules that have checked the sums."""
         low = raw_history = filtered_history = None
         if state is not None:
             low = FilterState(state.low)
             raw_history, filtered_history = RecentMaxState(state.sums), RecentMaxState(state.fluctuations)
-        raw_max, raw_history = self.recent_max(group_max(sums), raw_history)
+        raw_max, raw_history = self.recent_max.scan(group_max(sums), raw_history)
         scale = spread_groups(raw_max)
         if self.order == "printed":
-            inputs, low = self.high_pass(over_groups(sums, raw_max), low)
-            _, filtered_history = self.recent_max(group_max((inputs * scale).abs()), filtered_history)
+            inputs, low = self.high_pass.scan(over_groups(sums, raw_max), low)
+            _, filtered_history = self.recent_max.scan(group_max((inputs * scale).abs()), filtered_history)
             return (inputs, scale), InputState(low.low, raw_history.history, filtered_history.history)
-        filtered, low = self.high_pass(sums, low)
-        largest, filtered_history = self.recent_max(group_max(filtered.abs()), filtered_history)
+        filtered, low = self.high_pass.scan(sums, low)
+        largest, filtered_history = self.recent_max.scan(group_max(filtered.abs()), filtered_history)
         inputs = over_groups(filtered, torch.maximum(largest, self.floor * raw_max))
         end = InputState(low.low, raw_history.history, filtered_history.history)
         return (inputs, scale), end
@@ -128,16 +134,14 @@ class FieldInputs(nn.Module):
 
 def group_max(signals: Tensor) -> Tensor:
     """Largest signal of each group, `[..., 10]` -> `[..., 3]`."""
-    return torch.stack([signals[..., group].amax(-1) for group in GROUPS.values()], -1)
+    motion, orientation, color = torch.split(signals, SIZES, -1)
+    return torch.stack((motion.amax(-1), orientation.amax(-1), color.amax(-1)), -1)
 
 
 def spread_groups(values: Tensor) -> Tensor:
     """One value a group to one value a feature, `[..., 3]` -> `[..., 10]`."""
-    parts = [
-        values[..., i : i + 1].expand(*values.shape[:-1], group.stop - group.start)
-        for i, group in enumerate(GROUPS.values())
-    ]
-    return torch.cat(parts, -1)
+    motion, orientation, color = values.unsqueeze(-1).expand(*values.shape, max(SIZES)).unbind(-2)
+    return torch.cat((motion[..., : SIZES[0]], orientation[..., : SIZES[1]], color[..., : SIZES[2]]), -1)
 
 
 def over_groups(signals: Tensor, levels: Tensor) -> Tensor:

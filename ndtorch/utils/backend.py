@@ -44,10 +44,9 @@ def kernels_wanted(*tensors: Tensor, backend: Backend = "auto") -> bool:
         return False
     if backend == "auto" and not switched_on():
         return False
-    possible = not any(
-        not tensor.is_cpu or (tensor.requires_grad and torch.is_grad_enabled()) or not has_values(tensor)
-        for tensor in tensors
-    )
+    possible, gradients = True, torch.is_grad_enabled()
+    for tensor in tensors:
+        possible &= tensor.is_cpu and not (tensor.requires_grad and gradients) and has_values(tensor)
     if backend == "numba" and not possible:
         raise InputError("backend='numba' needs tensors on the CPU that need no gradient")
     return possible

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_alike, check_number, check_state, check_tensor
+from ndtorch.arguments import check_alike, check_number, check_tensor
 from ndtorch.errors import InputError
-from ndtorch.vision.temporal import time_dim
+from ndtorch.vision.temporal import check_series
 
 
 class ShiftState(NamedTuple):
@@ -86,14 +86,11 @@ class ChahlSrinivasan(nn.Module):
         self.min_contrast = min_contrast
 
     def forward(self, x: Tensor, state: ShiftState | None = None) -> tuple[Tensor, ShiftState]:
-        check_state(state, ShiftState)
-        dim = time_dim(x, 3)
+        check_series(x, 3, state, ShiftState)
         if x.shape[-1] < 3:
             raise InputError(f"x must be at least 3 pixels wide, got shape {tuple(x.shape)}")
-        check_tensor("x", x, meta=True)
-        first = x.select(dim, 0) if state is None else state.last
-        check_alike("state.last", first, x.select(dim, 0))
-        frames = torch.cat([first.unsqueeze(dim), x], dim)
-        steps = x.shape[dim]
-        shift = shift_between(frames.narrow(dim, 0, steps), frames.narrow(dim, 1, steps), self.min_contrast)
-        return shift.unsqueeze(-1), ShiftState(x.select(dim, steps - 1))
+        first = x.select(-4, 0) if state is None else state.last
+        check_alike("state.last", first, x.select(-4, 0))
+        frames, steps = torch.cat([first.unsqueeze(-4), x], -4), x.shape[-4]
+        shift = shift_between(frames.narrow(-4, 0, steps), frames.narrow(-4, 1, steps), self.min_contrast)
+        return shift.unsqueeze(-1), ShiftState(x.select(-4, -1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import torch
@@ -9,10 +10,10 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_size, check_state, has_values
 from ndtorch.errors import InputError
-from ndtorch.utils.backend import Backend, check_backend
+from ndtorch.utils.backend import Backend, check_backend, kernels_wanted
 from ndtorch.utils.tensors import keep_freed_memory
-from ndtorch.vision.feature_kernels import fresh, image_kind, one_pass_fits, pass_over, together
-from ndtorch.vision.frames import as_float, check_frames, check_values, grey
+from ndtorch.vision._kernels_frame import PassConstants, front_end
+from ndtorch.vision.frames import as_float, check_frames, check_range, check_values, grey, rows_apart
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
 from ndtorch.vision.orientation import OrientedDoG
 from ndtorch.vision.temporal import Seconds
@@ -95,10 +96,11 @@ class VisualFeatures(nn.Module):
         batch = frames.shape[:-4]
         if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:
             return self._each(frames, state)
-        if (self.orientation.paired or self.orientation.exact) and one_pass_fits(
-            frames, state, self.backend, *self.parameters()
-        ):
-            return self._one_pass(frames, state)
+        kind = torch.float64 if frames.dtype == torch.float64 else torch.float32
+        alike = state is None or (state.slow.shape == self.size and state.slow.dtype == state.delayed.dtype == kind)
+        possible = not batch and alike and (self.orientation.paired or self.orientation.exact)
+        if possible and kernels_wanted(frames, *(state or ()), *self.parameters(), backend=self.backend):
+            return self._one_pass(frames, state, kind)
         check_values(frames)
         sums = []
         for block in self._blocks(frames):
@@ -110,7 +112,7 @@ class VisualFeatures(nn.Module):
             sums.append(torch.cat([self.motion.sums(high, delayed), orientation, color], -1))
         assert state is not None
         out = sums[0] if len(sums) == 1 else torch.cat(sums, -2)
-        check_finite(out)
+        check_sums(out)
         return out, state
 
     def images(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
@@ -139,20 +141,33 @@ class VisualFeatures(nn.Module):
         for start in range(0, frames.shape[-4], length):
             yield as_float(frames[..., start : start + length, :, :, :])
 
-    def _one_pass(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
-        """The sums of `[T, 3, H, W]` by kernels."""
-        orientation = self.orientation
-        thinning, into, kind = orientation.thinning, fresh(frames), image_kind(frames)
-        passed, oriented = torch.empty(len(frames), 8, dtype=torch.float64), []
-        count = together(thinning, kind)
-        for some, sums in zip(torch.split(frames, count), torch.split(passed, count), strict=True):
-            images = pass_over(some, state, self.motion, thinning, into, sums.numpy())
-            oriented.append(orientation.sums_of_thinned(images))
-            state = into
-        motion, color = self.motion.by_direction(passed[:, :4]).to(kind), passed[:, 4:-1].to(kind)
-        out = torch.cat([motion, torch.cat(oriented), color], -1)
-        check_finite(out)
-        return out, into
+    def _one_pass(self, frames: Tensor, state: MotionState | None, kind: torch.dtype) -> tuple[Tensor, MotionState]:
+        """The sums of `[T, 3, H, W]` by kernels: the motion, the colors and thinned grey images in one pass."""
+        motion, o, floats = self.motion, self.orientation, frames.dtype != torch.uint8
+        unit, every = (1.0, rows_apart(frames)) if floats else (1 / 255, 0)
+        after = MotionState(torch.empty(self.size, dtype=kind), torch.empty(self.size, dtype=kind))
+        if state is not None:
+            after.slow.copy_(state.slow)
+            after.delayed.copy_(state.delayed)
+        shares, wrap = (float(motion.a_high), float(motion.a_low)), motion.border == "wrap"
+        constants = PassConstants(*shares, wrap, o.thinning.blocks[0], o.thinning.margins, every)
+        # In double precision one at a time: some transforms of several are not the same to the bit as of one.
+        together = 1 if kind == torch.float64 else max(1, min(8, (1 << 17) // math.prod(o.thinning.size)))
+        passed, oriented = torch.empty(len(frames), 8, dtype=torch.float64), list[Tensor]()
+        for some, sums in zip(torch.split(frames, together), torch.split(passed, together), strict=True):
+            last = some.movedim(-3, -1)
+            beside = not some.is_contiguous() and last.is_contiguous()
+            pixels = (last if beside else some.contiguous()).numpy()
+            images = torch.empty(len(some), *o.thinning.size, dtype=kind)
+            states, settle = (after.slow.numpy(), after.delayed.numpy()), state is None and not oriented
+            front_end(pixels, beside, unit, settle, *states, constants, images.numpy(), sums.numpy())
+            oriented.append(o.sums_of_thinned(images))
+        if floats and bool(passed[:, -1].any()):
+            check_range(frames)
+        moved, color = motion.by_direction(passed[:, :4]).to(kind), passed[:, 4:-1].to(kind)
+        out = torch.cat([moved, torch.cat(oriented), color], -1)
+        check_sums(out)
+        return out, after
 
     def _each(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
         """One trial after the other: large frames of several trials together would leave the cache."""
@@ -171,7 +186,7 @@ class VisualFeatures(nn.Module):
         return torch.stack(sums).reshape(*batch, *sums[0].shape), MotionState(*final)
 
 
-def check_finite(sums: Tensor) -> None:
+def check_sums(sums: Tensor) -> None:
     """Raise `InputError` where a pixel was not finite: one look at the sums finds it, they carry NaN and infinity."""
     if has_values(sums) and not torch.isfinite(sums).all():
         raise InputError("frames must be finite, got NaN or infinite values")

@@ -49,7 +49,7 @@ def check_frames(
     if size is not None and (height, width) != tuple(size):
         raise InputError(
             f"frames must be {size[0]}x{size[1]} pixels (height x width), got {height}x{width}; "
-            f"what looks at these is made with size=({height}, {width})"
+            f"set size=({height}, {width}) in the module or the config"
         )
     if values:
         check_values(frames)
@@ -93,6 +93,8 @@ def frames_in(frames: Tensor, dtype: torch.dtype) -> Tensor:
     Floats that are pictures of 8 bits become uint8, since the first fluctuations are no larger than the last digits of
     what `1 / 255` makes of them. Frames that nothing can take are left to `check_frames`.
     """
+    if isinstance(frames, Tensor) and frames.dtype == torch.uint8 and dtype == torch.float32:
+        return frames
     usable = isinstance(frames, Tensor) and frames.layout == torch.strided and has_values(frames)
     if not usable or frames.dtype not in (*USUAL, torch.uint8):
         return frames

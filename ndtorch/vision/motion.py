@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_fits, check_state
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
-from ndtorch.vision.temporal import Seconds, keep_time, low_pass_step, smoothing_factor
+from ndtorch.vision.temporal import Seconds, keep_time, low_pass, ratio
 
 Border = Literal["wrap", "reflect"]
 BORDERS: tuple[Border, ...] = ("wrap", "reflect")
@@ -31,19 +31,6 @@ class MotionState(NamedTuple):
 
     slow: Tensor
     delayed: Tensor
-
-
-def motion_step(
-    image: Tensor, state: MotionState, a_high: float | Tensor, a_low: float | Tensor
-) -> tuple[Tensor, Tensor, MotionState]:
-    """One step of the detectors' temporal filters. [B eq. 7-8]
-
-    Returns the high-passed image PH, its low-passed copy PHL and the new state; all `[..., H, W]`.
-    """
-    slow = low_pass_step(image, state.slow, a_high)
-    high = image - slow
-    delayed = low_pass_step(high, state.delayed, a_low)
-    return high, delayed, MotionState(slow, delayed)
 
 
 def correlate(high: Tensor, delayed: Tensor, dim: int) -> Tensor:
@@ -115,34 +102,24 @@ class HassensteinReichardt(nn.Module):
     @property
     def a_high(self) -> float | Tensor:
         """Share of the new sample that the high-pass takes in."""
-        return smoothing_factor(self.tau_high, self.dt)
+        return ratio(self.tau_high, self.dt)
 
     @property
     def a_low(self) -> float | Tensor:
         """Share of the new sample that the delay filter takes in."""
-        return smoothing_factor(self.tau_low, self.dt)
-
-    def start(self, image: Tensor) -> MotionState:
-        """State settled on one grey image `[..., H, W]`."""
-        return MotionState(image, torch.zeros_like(image))
+        return ratio(self.tau_low, self.dt)
 
     def scan(self, images: Tensor, state: MotionState | None) -> tuple[Tensor, Tensor, MotionState]:
-        """Run the temporal filters over grey images `[..., T, H, W]`; returns PH, PHL and the state."""
+        """Run the temporal filters over grey images `[..., T, H, W]`; returns PH, PHL and the state. [B eq. 7-8]"""
         check_state(state, MotionState)
-        frames = images.unbind(-3)
-        state = self.start(frames[0]) if state is None else state
-        for name, kept in zip(state._fields, state, strict=True) if frames else ():
-            check_fits(f"state.{name}", kept, frames[0])
-        a_high, a_low = self.a_high, self.a_low
-        if len(frames) == 1:
-            high, delayed, state = motion_step(frames[0], state, a_high, a_low)
-            return high.unsqueeze(-3), delayed.unsqueeze(-3), state
-        highs, delays = [], []
-        for image in frames:
-            high, delayed, state = motion_step(image, state, a_high, a_low)
-            highs.append(high)
-            delays.append(delayed)
-        return torch.stack(highs, -3), torch.stack(delays, -3), state
+        first = images.select(-3, 0)
+        for name, kept in () if state is None else zip(state._fields, state, strict=True):
+            check_fits(f"state.{name}", kept, first)
+        slow, delayed = (first, torch.zeros_like(first)) if state is None else state
+        lows, slow = low_pass(images, slow, self.a_high, -3)
+        high = images - lows
+        late, delayed = low_pass(high, delayed, self.a_low, -3)
+        return high, late, MotionState(slow, delayed)
 
     def images(self, high: Tensor, delayed: Tensor) -> Tensor:
         """Feature images `[..., 4, H, W]` from PH and PHL `[..., H, W]`."""

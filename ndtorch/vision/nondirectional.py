@@ -11,16 +11,7 @@ from torch.nn import functional as F
 
 from ndtorch.arguments import check_fits, check_state, check_tensor
 from ndtorch.errors import InputError
-from ndtorch.vision.temporal import (
-    FilterState,
-    HighPass,
-    LowPass,
-    Seconds,
-    keep_time,
-    low_pass_step,
-    smoothing_factor,
-    time_dim,
-)
+from ndtorch.vision.temporal import FilterState, HighPass, LowPass, Seconds, check_series, keep_time, low_pass, ratio
 
 
 class NDMin(nn.Module):
@@ -60,26 +51,19 @@ class NDMin(nn.Module):
     @property
     def a(self) -> float | Tensor:
         """Share of the new sample that the high-pass takes in."""
-        return smoothing_factor(self.tau_high, self.dt)
+        return ratio(self.tau_high, self.dt)
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
-        check_state(state, FilterState)
-        dim = time_dim(x, 3)
-        check_tensor("x", x, meta=True)
-        return self.scan(x, state, dim)
+        check_series(x, 3, state, FilterState)
+        if state is not None:
+            check_fits("state.low", state.low, x.select(-4, 0))
+        return self.scan(x, state)
 
-    def scan(self, x: Tensor, state: FilterState | None, dim: int) -> tuple[Tensor, FilterState]:
-        """`forward` of frames that were checked already, with the time dimension `dim`."""
+    def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
+        """`forward` without checks, for modules that have checked x."""
         # A high-pass written out: on the few pixels of a strip nested modules take as long as the sums.
-        samples = x.unbind(dim)
-        low = samples[0] if state is None else state.low
-        if samples:
-            check_fits("state.low", low, samples[0])
-        out, a = [], self.a
-        for sample in samples:
-            low = low_pass_step(sample, low, a)
-            out.append(sample - low)
-        return torch.stack(out, dim), FilterState(low)
+        lows, low = low_pass(x, state and state.low, self.a, -4)
+        return x - lows, FilterState(low)
 
 
 class NDMinus(nn.Module):
@@ -127,8 +111,8 @@ class NDS(nn.Module):
 
     def forward(self, x: Tensor, state: NDSState | None = None) -> tuple[Tensor, NDSState]:
         check_state(state, NDSState)
-        high, high_state = self.high_pass(x, None if state is None else state.high)
-        low, low_state = self.low_pass(high, None if state is None else state.low)
+        high, high_state = self.high_pass(x, state and state.high)
+        low, low_state = self.low_pass(high, state and state.low)
         padded = F.pad(low, (1, 1))
         return high + padded[..., :-2] + padded[..., 2:], NDSState(high_state, low_state)
 
@@ -150,7 +134,8 @@ def spatial_maximum(x: Tensor) -> Tensor:
     >>> spatial_maximum(torch.tensor([0.0, 0.0, 1.0, 0.0, 0.0]).view(1, 1, 1, 5))
     tensor([[1.]])
     """
-    time_dim(x, 3)
+    if x.ndim < 4:
+        raise InputError(f"x must be of shape [..., T, C, H, W], got {tuple(x.shape)}")
     return x.flatten(-2).abs().amax(-1)
 
 

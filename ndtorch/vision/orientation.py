@@ -154,7 +154,7 @@ class OrientedDoG(nn.Module):
         self.exact_filter = self.fast_filter = None
         # Mirrored margins reach three sigma, but never further than there is image to mirror.
         wanted = 0 if border == "wrap" else math.ceil(3 * max(sigmas))
-        self.margin = tuple(smooth_margin(n, wanted) for n in size)
+        self.margin = smooth_margin(size[0], wanted), smooth_margin(size[1], wanted)
         self.padded = (size[0] + 2 * self.margin[0], size[1] + 2 * self.margin[1])
         self.radians = radians = [math.radians(a) for a in angles]
         rows, columns = torch.fft.fftfreq(self.padded[0]), torch.fft.rfftfreq(self.padded[1])
@@ -166,9 +166,17 @@ class OrientedDoG(nn.Module):
         # A small image is cheap as it is, and has too few responses for errors to average out.
         small = max(self.padded) < SMALL
         self.grid = tuple(smooth_length(n if small else math.ceil(n / spacing)) for n in self.padded)
-        self.blocks = tuple(
+        down, across = (
             1 if small else 2 ** halvings(n, min(spacing, n / g)) for n, g in zip(self.padded, self.grid, strict=True)
         )
+        self.blocks = down, across
+        # What becomes of an image before `sums_of_thinned` takes it.
+        self.thinning = Thinning(size, (1, 1), (0, 0))
+        if not self.exact:
+            (height, width), (down, across) = self.padded, self.blocks
+            self.thinning = Thinning((height // down, width // across), (down, across), self.margin)
+        # Both grids can be one, but for a small one, where some frequencies are their own mirror images.
+        self.paired = not self.exact and self.grid[0] < self.padded[0] and self.grid[1] < self.padded[1]
         rows = torch.fft.fftfreq(self.grid[0]) * (self.grid[0] / self.padded[0])
         columns = columns[: self.grid[1] // 2 + 1]
         fast = torch.stack([dog_spectrum(rows[:, None], columns, a, center, surround) for a in radians])
@@ -268,29 +276,13 @@ class OrientedDoG(nn.Module):
         size: Tensor = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid).abs_()
         return size
 
-    @property
-    def thinning(self) -> Thinning:
-        """What becomes of an image before `sums_of_thinned` takes it."""
-        if self.exact:
-            return Thinning(self.size, (1, 1), (0, 0))
-        height, width = (n // block for n, block in zip(self.padded, self.blocks, strict=True))
-        return Thinning((height, width), (self.blocks[0], self.blocks[1]), (self.margin[0], self.margin[1]))
-
-    @property
-    def paired(self) -> bool:
-        """Whether both grids can be one: on a small one some frequencies are their own mirror images."""
-        return not self.exact and self.grid[0] < self.padded[0] and self.grid[1] < self.padded[1]
-
     def sums_of_thinned(self, images: Tensor) -> Tensor:
         """`sums` by kernels of grey images `[T, h, w]` that are mirrored and thinned already, see `thinning`."""
         if self.exact:
             return self.images(images).abs().sum((-1, -2))
-        return weighted_sums(self._responses(images), self.pair_weights)
-
-    def _responses(self, images: Tensor) -> Tensor:
         # At once in both directions: only so is the transform of an image the same to the bit in any batch.
         spectrum = torch.fft.rfft2(images)[..., : self.grid[1] // 2 + 1]
-        return responses(spectrum, self.pair_filters)
+        return weighted_sums(responses(spectrum, self.pair_filters), self.pair_weights)
 
     def _columns(self, image: Tensor) -> Tensor:
         """The spectrum of a thinned image, without high frequencies along rows."""

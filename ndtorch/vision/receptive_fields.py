@@ -11,7 +11,7 @@ from ndtorch.arguments import check_number, check_state, check_tensor, has_value
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.frames import as_float, check_frames, check_values, grey
-from ndtorch.vision.motion import Border, MotionState, check_border, correlate
+from ndtorch.vision.motion import Border, MotionState, check_border
 
 
 def field_weights(points: Tensor, length: float, fields: int, border: Border = "wrap") -> Tensor:
@@ -140,19 +140,8 @@ class LocalFeatures(nn.Module):
 
     def _motion(self, high: Tensor, delayed: Tensor) -> Tensor:
         """Left, right, down and up in every field, `[..., 4, R, C']`."""
-        pooled = []
-        for dim in (-1, -2):
-            inner = correlate(high, delayed, dim)
-            if self.border == "wrap":
-                edge = high.select(dim, 0) * delayed.select(dim, -1) - high.select(dim, -1) * delayed.select(dim, 0)
-            else:
-                edge = torch.zeros_like(high.select(dim, 0))
-            signed = torch.cat([inner, edge.unsqueeze(dim)], dim)
-            total, size = self._pool(signed, dim), self._pool(signed.abs_(), dim)
-            # The positive part of a signed image is half of magnitude plus value.
-            pooled += [(size - total) / 2, (size + total) / 2]
-        left, right, up, down = pooled
-        return torch.stack([left, right, down, up], -3).clamp_min(0)
+        images = self.features.motion.images(high, delayed)
+        return torch.cat([self._pool(images[..., :2, :, :], -1), self._pool(images[..., 2:, :, :], -2)], -3)
 
     def _orientation(self, image: Tensor) -> Tensor:
         """The three orientations in every field, `[..., 3, R, C']`."""

@@ -12,7 +12,6 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import (
     check_alike,
-    check_dense,
     check_fits,
     check_number,
     check_state,
@@ -69,10 +68,14 @@ def smoothing_factor(tau: Seconds, dt: Seconds, name: str = "tau") -> float | Te
         raise InputError(f"dt must be a positive number of seconds, got {repr(dt)[:40]}")
     if isinstance(tau, Tensor):
         check_tensor(name, tau, meta=True)
-        return dt / (tau.clamp_min(0) + dt)
-    if not (is_number(tau) and tau >= 0):
+    elif not (is_number(tau) and tau >= 0):
         raise InputError(f"{name} must be >= 0 seconds, got {repr(tau)[:40]}")
-    return dt / (tau + dt)
+    return ratio(tau, dt)
+
+
+def ratio(tau: Seconds, dt: Seconds) -> float | Tensor:
+    """`smoothing_factor` of numbers that were checked."""
+    return dt / ((tau.clamp_min(0) if isinstance(tau, Tensor) else tau) + dt)
 
 
 def keep_time(module: nn.Module, **seconds: Seconds) -> None:
@@ -88,6 +91,18 @@ def keep_time(module: nn.Module, **seconds: Seconds) -> None:
 def low_pass_step(x: Tensor, low: Tensor, a: float | Tensor) -> Tensor:
     """One step of a first-order low-pass, `low + a (x - low)`; the shapes broadcast."""
     return torch.lerp(low, x, a.to(x.dtype) if isinstance(a, Tensor) else a)
+
+
+def low_pass(x: Tensor, low: Tensor | None, a: float | Tensor, dim: int) -> tuple[Tensor, Tensor]:
+    """Low-passed samples like `x`, along `dim`, and the last of them; the state `low` defaults to the first sample."""
+    samples, lows = x.unbind(dim), []
+    if isinstance(a, Tensor):
+        a = a.to(x.dtype)
+    low = samples[0] if low is None else low
+    for sample in samples:
+        low = torch.lerp(low, sample, a)
+        lows.append(low)
+    return low.unsqueeze(dim) if len(lows) == 1 else torch.stack(lows, dim), low
 
 
 class FilterState(NamedTuple):
@@ -127,25 +142,18 @@ class LowPass(nn.Module):
         self.sample_dims = sample_dims
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
-        check_state(state, FilterState)
-        dim = time_dim(x, self.sample_dims)
-        check_tensor("x", x, meta=True)
-        a = smoothing_factor(self.tau, self.dt)
-        samples = x.unbind(dim)
-        low = samples[0] if state is None else state.low
-        if samples:
-            check_fits("state.low", low, samples[0])
-        if not isinstance(a, Tensor) and a == 1.0:
-            return x, FilterState(samples[-1] if samples else low)
-        out = []
-        for sample in samples:
-            low = low_pass_step(sample, low, a)
-            out.append(low)
-        # One sample needs no copy.
-        return low.unsqueeze(dim) if len(out) == 1 else torch.stack(out, dim), FilterState(low)
+        check_series(x, self.sample_dims, state, FilterState)
+        if state is not None:
+            check_fits("state.low", state.low, x.select(-1 - self.sample_dims, 0))
+        return self.scan(x, state)
+
+    def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
+        """`forward` without checks, for modules that have checked x."""
+        lows, low = low_pass(x, state and state.low, ratio(self.tau, self.dt), -1 - self.sample_dims)
+        return lows, FilterState(low)
 
 
-class HighPass(nn.Module):
+class HighPass(LowPass):
     """First-order high-pass over time: what the low-pass of the same `tau` leaves, `x - l`.
 
     A constant input gives exactly zero. Shapes, state and errors as `LowPass`.
@@ -155,13 +163,10 @@ class HighPass(nn.Module):
     tensor([0.0000, 0.6667, 0.4444])
     """
 
-    def __init__(self, tau: Seconds, dt: Seconds, sample_dims: int = 3) -> None:
-        super().__init__()
-        self.low_pass = LowPass(tau, dt, sample_dims)
-
-    def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
-        low, state = self.low_pass(x, state)
-        return x - low, state
+    def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
+        """`forward` without checks, for modules that have checked x."""
+        lows, low = low_pass(x, state and state.low, ratio(self.tau, self.dt), -1 - self.sample_dims)
+        return x - lows, FilterState(low)
 
 
 class RecentMaxState(NamedTuple):
@@ -189,29 +194,32 @@ class RunningMax(nn.Module):
         self.window = rows_in("seconds", seconds, dt)
 
     def forward(self, x: Tensor, state: RecentMaxState | None = None) -> tuple[Tensor, RecentMaxState]:
-        check_state(state, RecentMaxState)
-        time_dim(x, 1)
-        check_tensor("x", x, meta=True)
+        check_series(x, 1, state, RecentMaxState)
+        if state is not None and self.window > 1:
+            check_alike("the last sample of state.history", state.history[..., -1, :], x[..., 0, :])
+        return self.scan(x, state)
+
+    def scan(self, x: Tensor, state: RecentMaxState | None) -> tuple[Tensor, RecentMaxState]:
+        """`forward` without checks, for modules that have checked x."""
         length = self.window - 1
         if state is None:
             state = RecentMaxState(x[..., :1, :].expand(*x.shape[:-2], length, x.shape[-1]))
-        elif length and x.shape[-2]:
-            check_alike("the last sample of state.history", state.history[..., -1, :], x[..., 0, :])
         samples = torch.cat([state.history, x], dim=-2)
         # A view of every window, then one reduction: no loop over time and no copy of the windows.
         largest = samples.unfold(-2, self.window, 1).amax(-1)
         return largest, RecentMaxState(samples[..., samples.shape[-2] - length :, :])
 
 
-def time_dim(x: Tensor, sample_dims: int, name: str = "x") -> int:
-    """Index of the time dimension, counted from the front; raises `InputError` when there is none."""
-    check_dense(name, x, meta=True)
+def check_series(x: Tensor, sample_dims: int, state: object = None, kind: type = object, name: str = "x") -> None:
+    """Raise `InputError` unless `x` is a floating point tensor `[..., T >= 1, *sample]` of finite numbers, and `state`
+    None or of a kind."""
+    check_tensor(name, x, meta=True)
+    check_state(state, kind)
     if x.ndim < sample_dims + 1:
         names = {1: "[..., T, N]", 3: "[..., T, C, H, W]"}.get(sample_dims, f"{sample_dims + 1} dims or more")
         raise InputError(f"{name} must be a tensor of shape {names}, got {tuple(x.shape)}")
-    if x.shape[x.ndim - sample_dims - 1] == 0:
+    if x.shape[-1 - sample_dims] == 0:
         raise InputError(f"{name} must hold at least one time step, got shape {tuple(x.shape)}")
-    return x.ndim - sample_dims - 1
 
 
 class ResampleState(NamedTuple):
@@ -254,16 +262,19 @@ class Resample(nn.Module):
         self.identity = math.isclose(dt_in, dt_out, rel_tol=1e-9)
 
     def forward(self, x: Tensor, state: ResampleState | None = None) -> tuple[Tensor, ResampleState]:
-        check_state(state, ResampleState)
-        time_dim(x, 1)
-        check_tensor("x", x, meta=True)
+        check_series(x, 1, state, ResampleState)
+        if state is not None:
+            check_alike("state.last", state.last, x[..., 0, :])
+        return self.scan(x, state)
+
+    def scan(self, x: Tensor, state: ResampleState | None) -> tuple[Tensor, ResampleState]:
+        """`forward` without checks, for modules that have checked x."""
         if self.identity:
             steps = counter(0) if state is None else state.taken
             return x, ResampleState(x[..., -1, :], steps + x.shape[-2], steps + x.shape[-2])
         taken = 0 if state is None else int(state.taken)
         given = 0 if state is None else int(state.given)
         last = x[..., 0, :] if state is None else state.last
-        check_alike("state.last", last, x[..., 0, :])
         length = x.shape[-2]
         end = taken + length
         # A hair of slack: output times that coincide with a frame must not wait for the next one.

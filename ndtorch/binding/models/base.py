@@ -107,8 +107,8 @@ class BindingModel(nn.Module, ABC):
     def check_own(self, state: Any) -> None:
         """Raise `InputError` unless a state is one of this kind of model."""
         for one in state if self.one_by_one and type(state) in (tuple, list) else [state]:
-            parts = (one, getattr(one, "second", None))
-            if not all(isinstance(part, kind) for part, kind in zip(parts, self.state_types, strict=False)):
+            kinds = type(one), type(getattr(one, "second", None))
+            if kinds[: len(self.state_types)] != tuple(self.state_types):
                 raise InputError(f"state must be a state of {self.name}, got {type(one).__name__} of something else")
 
     @classmethod

@@ -116,11 +116,11 @@ class PublishedModel(WholeFieldModel):
         super().save(path, overwrite)
 
     def refine(self, inputs: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
-        refined: tuple[Tensor, NetworkState] = self.first(inputs, state)
+        refined: tuple[Tensor, NetworkState] = self.first.scan(inputs, state)
         return refined
 
     def bind(self, refined: Tensor, sums: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
-        bound: tuple[Tensor, NetworkState] = self.second(refined, state)
+        bound: tuple[Tensor, NetworkState] = self.second.scan(refined, state)
         return bound
 
     def table(self, state: BindingState) -> ObjectTable:

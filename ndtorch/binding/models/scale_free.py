@@ -118,9 +118,9 @@ class ScaleFreeModel(WholeFieldModel):
         return inputs @ settled(self.first_weights.to(inputs.dtype)).mT, None
 
     def bind(self, refined: Tensor, sums: Tensor, state: StageState | None) -> tuple[Tensor, StageState]:
-        smooth, low = self.smooth(refined, state.smooth if state is not None else None)
-        outputs, network = self.second(smooth, state.network if state is not None else None)
-        sources = self.sources(sums, state.sources if state is not None else None)
+        smooth, low = self.smooth.scan(refined, state and state.smooth)
+        outputs, network = self.second.scan(smooth, state and state.network)
+        sources = self.sources(sums, state and state.sources)
         return outputs, StageState(low, network, sources)
 
     def table(self, state: BindingState) -> ObjectTable:

@@ -9,7 +9,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from ndtorch.arguments import check_state, check_tensor
+from ndtorch.arguments import check_tensor
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.normalise import BindingInputs, InputState, Order
@@ -138,40 +138,43 @@ class WholeFieldModel(BindingModel):
         """Of every trial, `[...]` bool: whether its outputs alternate, and whether its weights are stable if not."""
 
     def forward(self, frames: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
-        check_state(state, BindingState)
         if state is not None:
             self.check_own(state)
-        motion = state.motion if state is not None else None
-        if state is not None and motion is None:
+        if state is not None and state.motion is None:
             raise InputError("state comes from from_sums and has no motion filters: go on with from_sums")
-        sums, motion = self.features(frames_in(frames, self.dtype), motion)
-        signals, state = self.from_sums(sums, state)
-        return signals, state._replace(motion=motion)
+        sums, motion = self.features(frames_in(frames, self.first_weights.dtype), state and state.motion)
+        return self.scan(sums, motion, state)
 
     def from_sums(self, sums: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
         """The model from the ten spatial sums on, `[..., T, 10]`, one row a frame.
 
         For sums that were stored or superposed: many trials of many scenes make one batch.
         """
-        check_state(state, BindingState)
         if state is not None:
             self.check_own(state)
         check_tensor("sums", sums, half=False)
-        if sums.ndim < 2 or sums.shape[-1] != 10:
-            raise InputError(f"sums must be [..., T, 10], got {tuple(sums.shape)}")
-        sums, resample = self.resample(sums, state.resample if state is not None else None)
+        if sums.ndim < 2 or sums.shape[-1] != 10 or sums.shape[-2] == 0:
+            raise InputError(f"sums must be [..., T >= 1, 10], got {tuple(sums.shape)}")
+        return self.scan(sums, state and state.motion, state)
+
+    def scan(
+        self, sums: Tensor, motion: MotionState | None, state: BindingState | None
+    ) -> tuple[BindingSignals, BindingState]:
+        """Sums -> inputs -> refined signals -> outputs; the filters of the frames are in the state `motion`."""
+        sums, resample = self.resample.scan(sums, state and state.resample)
         if sums.shape[-2] == 0:
             assert state is not None
             empty = torch.zeros_like(sums)
             time = torch.zeros(0, dtype=torch.float64)
-            return BindingSignals(sums, empty, empty, empty, empty, time), state._replace(resample=resample)
-        (inputs, scale), input_state = self.inputs(sums, state.inputs if state is not None else None)
-        refined, first = self.refine(inputs, state.first if state is not None else None)
-        outputs, second = self.bind(refined, sums, state.second if state is not None else None)
+            return BindingSignals(sums, empty, empty, empty, empty, time), state._replace(
+                motion=motion, resample=resample
+            )
+        (inputs, scale), input_state = self.inputs.scan(sums, state and state.inputs)
+        refined, first = self.refine(inputs, state and state.first)
+        outputs, second = self.bind(refined, sums, state and state.second)
         steps = sums.shape[-2]
         time = (torch.arange(steps, dtype=torch.float64) + (second.steps - steps)) * self.dt
         signals = BindingSignals(sums, inputs, refined, outputs, scale, time)
-        motion = state.motion if state is not None else None
         return signals, BindingState(motion, resample, input_state, first, second)
 
     def verdict(self, state: BindingState) -> Nested:

@@ -116,10 +116,10 @@ class SourceEstimator(nn.Module):
 
     def forward(self, sums: Tensor, state: SourceState | None = None) -> SourceState:
         x = sums.detach().double()
-        delayed, delay = self.delay(x[..., COLOR], FilterState(state.delay) if state is not None else None)
+        delayed, delay = self.delay.scan(x[..., COLOR], state and FilterState(state.delay))
         products = (x[..., COLOR].unsqueeze(-1) * delayed.unsqueeze(-2)).flatten(-2)
         every = torch.cat([x, delayed, products], -1)
-        high, low = self.high_pass(every, FilterState(state.low) if state is not None else None)
+        high, low = self.high_pass.scan(every, state and FilterState(state.low))
         if state is None:
             votes, margins = x.new_zeros(*x.shape[:-2], MOST + 1), x.new_zeros(*x.shape[:-2], 4)
             history, steps = high.new_zeros(*high.shape[:-2], self.samples, 22), torch.zeros((), dtype=torch.int64)

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_kind, check_numbers, check_tensor
+from ndtorch.arguments import check_kind, check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import CRUISE, STOPPED, SUPPRESSED, TURN, Command, Controller, Trace
 from ndtorch.navigation.controllers.registry import register
@@ -21,7 +21,7 @@ from ndtorch.navigation.stereo.rig import Rect, StereoRig
 from ndtorch.navigation.stereo.strips import at_rects, check_peak, checked, grey_pair
 from ndtorch.utils.jit import jit
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
-from ndtorch.vision.temporal import FilterState, low_pass_step, smoothing_factor, time_dim
+from ndtorch.vision.temporal import FilterState, check_series, low_pass_step, smoothing_factor
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class SubfieldMotion(nn.Module):
 
     def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         pair = grey_pair(left, right, *self.fields, self.size)
-        motion, state = self.nd_min.scan(pair, state, pair.ndim - 4)
+        motion, state = self.nd_min.scan(pair, state)
         sides = spatial_maximum(motion)
         check_peak(sides, left)
         return sides * SPEED_SCALE, state
@@ -154,14 +154,13 @@ class SaccadeAvoidance(nn.Module):
         self.share, self.turn, self.watching, self.age = time_steps(self.params, dt)
 
     def forward(self, sides: Tensor, state: AvoidanceState | None = None) -> tuple[Command, AvoidanceState]:
-        dim = time_dim(sides, 1, "sides")
-        check_tensor("sides", sides)
+        check_series(sides, 1, name="sides")
         if sides.shape[-1] != 2:
             raise InputError(f"sides must be speed estimates [..., T, 2], got {tuple(sides.shape)}")
         if state is None:
-            state = self.start(sides.select(dim, 0))
+            state = self.start(sides[..., 0, :])
         commands = []
-        for sample in sides.unbind(dim):
+        for sample in sides.unbind(-2):
             command, state = self.step(sample, state)
             commands.append(command)
         speed, curvature = (torch.stack(parts, -1) for parts in zip(*commands, strict=True))

@@ -139,7 +139,7 @@ class StereoRanging(nn.Module):
             # It needs no motion; the state keeps the last rows, as filters do that have settled on them.
             horizon = rows[..., -1, :, rows.shape[-2] // 2, :].unsqueeze(-2)
             return triangulate(search_rows(rows, self.search), self.rig, self.angles), FilterState(horizon)
-        motion, state = self.nd_min.scan(rows, state, rows.ndim - 4)
+        motion, state = self.nd_min.scan(rows, state)
         check_peak(spatial_maximum(motion), left)
         rows, motion = rows.squeeze(-2), motion.squeeze(-2)
         if self.border:

@@ -11,7 +11,6 @@ from torch import Tensor
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo._kernels import Array, Frames, grey_fields
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
-from ndtorch.vision.temporal import time_dim
 
 
 class Strips(NamedTuple):
@@ -66,7 +65,8 @@ def grey_pair(left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, si
         InputError: frames that differ in shape or type, or of another size, type or number of channels.
     """
     check_alike(left, right)
-    time_dim(left, 3, "left")
+    if left.ndim < 4 or left.shape[-4] == 0:
+        raise InputError(f"left must be frames [..., T >= 1, C, H, W], got {tuple(left.shape)}")
     cut_size = left_rect.size
     if left.shape[-3] not in (1, 3) or left.shape[-2:] not in (size, cut_size):
         raise wrong_size(size, cut_size, left.shape)
