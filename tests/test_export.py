@@ -42,7 +42,7 @@ def largest_difference(model: Any, first: Any, following: Any, film: Tensor, fra
 def model(name: str, **options: Any) -> Any:
     if name in ("published", "scale-free"):
         # Learning, within the few frames looked at.
-        options = {"settle": 0.0, "tau_onset": 0.0, **options}
+        options = {"settle": 0.0, **({"tau_onset": 0.0} if name == "published" else {}), **options}
     return ndtorch.load(name, size=SIZE, **({"along": 4} if name == "retinotopic" else {}), **options)
 
 

@@ -109,7 +109,7 @@ def test_weights_do_not_depend_on_the_size_of_frames() -> None:
 LEARNED: dict[str, tuple[Callable[..., nn.Module], tuple[str, ...], Tensor]] = {
     "LowPass": (lambda tau: LowPass(tau, 0.05), ("tau",), noise(4, 1, 2, 5)),
     "NDMin": (lambda tau_high, dt: NDMin(tau_high, dt), ("tau_high", "dt"), noise(4, 1, 2, 5)),
-    "NDS": (lambda high, low: NDS(high, low, 0.05), ("high_pass.low_pass.tau", "low_pass.tau"), noise(4, 1, 2, 5)),
+    "NDS": (lambda high, low: NDS(high, low, 0.05), ("high_pass.tau", "low_pass.tau"), noise(4, 1, 2, 5)),
     "HassensteinReichardt": (
         lambda high, low: HassensteinReichardt(0.05, high, low),
         ("tau_high", "tau_low"),
