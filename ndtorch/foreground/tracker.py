@@ -36,8 +36,8 @@ MAX_AREA_RATIO = 4.0
 SHARED_GAIN = 0.3
 """In a shared blob this share of the innovation is taken into the position."""
 MAX_SHARED = 2.0
-"""A track that shared blobs in more than so many times the detections in which it was alone was a fragment: it claims no
-part of the blob of another."""
+"""A track that shared blobs in more than so many times the detections in which it was alone was a fragment: it claims
+no part of the blob of another."""
 MOVED_SIZES, MIN_TRAVEL = 0.5, 0.05
 """An object moves on by so many sizes; the travel that confirms it is at least this fraction of the height."""
 TENTATIVE_S, STARTING_S = 1.0, 1.0
