@@ -212,7 +212,7 @@ class GoalControl(RangingControl):
             reactive=super().start(seen, pose),
             visited=local_grid.empty_grid(pose.x, pose.y, self.grid) if self.explores else LocalGrid(none, none, none),
             task=GOAL,
-            goal=(math.nan, math.nan) if p.goal is None else (float(p.goal[0]), float(p.goal[1])),
+            goal=(math.inf, math.inf) if p.goal is None else (float(p.goal[0]), float(p.goal[1])),
             home=(pose.x, pose.y),
             explores=self.explores,
             returns=p.return_home,
