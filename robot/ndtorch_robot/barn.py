@@ -35,7 +35,7 @@ OPTIMAL_SPEED = 2.0
 """m/s with which the shortest path becomes the optimal time of the score."""
 
 
-class BarnWorld(Strict):
+class BarnWorld(Strict, extra="ignore"):
     """One world of a file.
 
     Attributes:
@@ -59,7 +59,7 @@ class BarnWorld(Strict):
         return 0.0 if seconds is None else optimal / min(max(seconds, 2 * optimal), 8 * optimal)
 
 
-class BarnFile(Strict):
+class BarnFile(Strict, extra="ignore"):
     """A file of worlds.
 
     Attributes:

@@ -12,6 +12,7 @@ from ndtorch_robot.barn import Attempt, BarnFile, Referee, attempt, read_worlds,
 from ndtorch_robot.config import RobotOptions
 
 FILE = {
+    "source": "another project",  # files of others have keys that are not read
     "radius_m": 0.075,
     "height_m": 1.0,
     "goal_radius_m": 1.0,
