@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -11,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import MOST_PIXELS, is_finite, is_whole
+from ndtorch.arguments import check_size, is_finite, is_whole
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import keep_freed_memory
 
@@ -187,7 +186,8 @@ class RenderedScene(FrameSource):
             raise InputError(f"seconds must be a positive number, {MOST_SECONDS:g} at most, got {repr(seconds)[:40]}")
         self.name = name
         self.fps = float(fps)
-        self.size = check_size(size)
+        check_size("size", size, 1)
+        self.size = (int(size[0]), int(size[1]))
         self.length = max(1, round(seconds * fps))
         self.device = torch.device(device)
         keep_freed_memory()
@@ -212,13 +212,3 @@ def check_chunks(frames: int, start: int) -> None:
         raise InputError(f"frames must be a whole number of at least 1 in a chunk, got {repr(frames)[:40]}")
     if not (is_whole(start) and start >= 0):
         raise InputError(f"start must be a frame number >= 0, got {repr(start)[:40]}")
-
-
-def check_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Height and width as positive integers, or `InputError`."""
-    sides = size if isinstance(size, tuple | list) else ()
-    if len(sides) != 2 or not all(is_finite(side) and side == int(side) and side >= 1 for side in sides):
-        raise InputError(f"size must be (height, width) in whole pixels >= 1, got {repr(size)[:40]}")
-    if math.prod(size) > MOST_PIXELS:
-        raise InputError(f"size must be {MOST_PIXELS} pixels in all at most, got {repr(size)[:40]}")
-    return int(size[0]), int(size[1])

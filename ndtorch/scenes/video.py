@@ -15,9 +15,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import is_finite, is_whole
+from ndtorch.arguments import check_size, is_finite, is_whole
 from ndtorch.errors import InputError
-from ndtorch.scenes.base import FrameSource, PixelMap, SourceFrames, check_chunks, check_size
+from ndtorch.scenes.base import FrameSource, PixelMap, SourceFrames, check_chunks
 from ndtorch.scenes.readers import (
     IMAGE_SUFFIXES,
     FileReader,
@@ -66,7 +66,7 @@ def open_video(
         InputError: a source that is missing, empty, unreadable or not a video, a rate that is not in
             0..10 000 Hz while `fps` is not given, or `size`, `fps`, `start`, `stop`, `fit` or `every` out of range.
     """
-    size = check_size(size)
+    check_size("size", size, 1)
     if fit not in ("crop", "stretch", "reduce"):
         raise InputError(f"fit must be 'crop', 'stretch' or 'reduce', got {fit!r}")
     if fps is not None and not (is_finite(fps) and fps > 0):

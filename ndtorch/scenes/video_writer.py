@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_size
 from ndtorch.errors import InputError
-from ndtorch.scenes.base import check_size
 from ndtorch.utils.packages import need
 
 CODECS = {".mp4": ("libx264", "yuv420p"), ".mkv": ("ffv1", "bgr0"), ".avi": ("mjpeg", "yuvj420p")}
@@ -35,7 +35,8 @@ class VideoWriter:
     """
 
     def __init__(self, path: str | Path, fps: float, size: tuple[int, int]) -> None:
-        self.path, self.size = Path(path), check_size(size)
+        check_size("size", size, 1)
+        self.path, self.size = Path(path), (int(size[0]), int(size[1]))
         if self.path.suffix.lower() not in CODECS:
             raise InputError(f"path must end in {', '.join(CODECS)}, got {self.path}")
         if not (fps > 0 and math.isfinite(fps)):

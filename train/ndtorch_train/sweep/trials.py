@@ -14,7 +14,7 @@ from pydantic import Field
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding import PublishedModel, alternation, object_table, weight_change
+from ndtorch.binding import PublishedModel, alternation, weight_change
 from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.navigation import FeatureParams, MatchParams
@@ -163,7 +163,7 @@ def bind(trials: Sequence[BindingTrial], device: str) -> list[Result]:
             _, state = second(refined[which], state)
     assert state is not None
     resample = model.resample(sums[0, :1])[1]
-    table, locked, change = object_table(state.weights), alternation(state), weight_change(state)
+    locked, change = alternation(state), weight_change(state)
     results = []
     for k, trial in enumerate(trials):
         parts = [pick(inputs_state, int(which[k])), pick(stage, int(which[k])), pick(state, k)]
@@ -181,7 +181,7 @@ def bind(trials: Sequence[BindingTrial], device: str) -> list[Result]:
                 "success": float(owners == list(WANTED[: trial.bars])),
                 "objects": len(owners),
                 **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
-                "owners": "+".join(FEATURES[j] for j in table.owners[k].nonzero().flatten().tolist()),
+                "owners": "+".join(owners),
                 "verdict": model.verdict(one),
             }
         )
