@@ -85,8 +85,7 @@ def test_the_robot_that_only_ranges() -> None:
     with pytest.raises(InputError, match=r"nowhere as wide as the robot needs \(8.56 m\)"):
         drive(DriveConfig(controller="published", robot=Path("kitti"), seconds=1.0))
     row = torch.rand(1, 1, 1, rig.width + 40)
-    search = kitti.navigation.search(rig, kitti.body)
-    ranges, _ = StereoRanging(rig, 0.1, search=search)(row[..., :-40], row[..., 40:])
+    ranges, _ = StereoRanging(rig, 0.1)(row[..., :-40], row[..., 40:])
     assert ranges.x.shape == (1, 5)
 
 
