@@ -7,16 +7,16 @@ import json
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.report.page import Shown
 from ndtorch_train.benchmark.base import Benchmark, Column, Row, Task
 from ndtorch_train.benchmark.command import Options
-from ndtorch_train.reproduce.claims import CLAIMS, chosen
-from ndtorch_train.reproduce.experiment import Context
+
+if TYPE_CHECKING:
+    from ndtorch.report.page import Shown
 
 BEGIN, END = "<!-- claims: begin -->", "<!-- claims: end -->"
 """Marks in a Markdown file between which `--table` writes."""
@@ -41,6 +41,8 @@ class Reproduce(Options):
 
     def benchmark(self) -> Benchmark:
         """The claims."""
+        from ndtorch_train.reproduce.claims import chosen
+
         claims = [claim for claim in chosen(self.ids) if not self.quick or claim.quick is not None]
         if not claims:
             raise InputError(f"{', '.join(self.ids)} cannot be tried with --quick, which would take too long")
@@ -70,7 +72,10 @@ class Reproduce(Options):
 
 def measure(name: str, quick: bool, folder: Path) -> list[Row]:
     """The row of one claim."""
-    (claim,) = (one for one in CLAIMS if one.id == name)
+    from ndtorch_train.reproduce.claims import chosen
+    from ndtorch_train.reproduce.experiment import Context
+
+    (claim,) = chosen([name])
     context = Context(folder)
     options = dict(claim.quick or {}) if quick else {}
     outcome = claim.run(context, **options)
@@ -84,6 +89,8 @@ def measure(name: str, quick: bool, folder: Path) -> list[Row]:
 
 def drawings(rows: list[Row], folder: Path) -> list[Shown]:
     """The figures of all claims."""
+    from ndtorch.report.page import Shown
+
     return [
         Shown(folder / "figures" / f"{name}.png", f"{row['id']}: after {title}", f"{caption} {row['ours']}.")
         for row in rows
