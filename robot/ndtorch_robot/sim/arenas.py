@@ -333,18 +333,13 @@ class Block(Strict):
 
 
 class ArenaFile(Strict):
-    """The keys of a file:
+    """The keys of a file; docs/robot/simulation.md has one. Rectangles are left, bottom, right, top, m.
 
-    name = "lab"
-    description = "Two rooms."
-    rooms = [[0, 0, 8, 6], [8.1, 2, 14, 4]]        # left, bottom, right, top in m
-    doors = [[8, 2.4, 8.1, 3.2]]                   # rectangles that join rooms through thin walls
-    pillars = [{x = 4, y = 3, width = 0.4, round = true, height = 1.2}]
-    boxes = [{at = [2, 2, 4, 3], bottom = 0.12, height = 0.75}]    # low boxes, overhangs, sills
-    tables = [{at = [5, 1, 6.2, 1.7], height = 0.72, legs = 0.04}]
-    floor = "tiles"                                # carpet, tiles, checker, smooth, lines
-    start = [1, 1, 90]                             # x, y in m, heading in degrees
-    height = 2.4
+    Attributes:
+        doors: rectangles that join rooms through thin walls.
+        boxes: low boxes, overhangs and sills.
+        start: x, y, m, and heading, degrees.
+        height: of the ceiling, m.
     """
 
     name: str
