@@ -63,7 +63,7 @@ CASES = {
         drive --odometry nosy => did you mean noisy?
         drive --walls blnk
         drive --seconds 1e99
-        drive --seed -1 => --seed must be
+        drive --seed -1 => seed must be
         drive --features 0 => features must be a whole number
         drive --feature-position moton => did you mean motion?
         drive --controller goal --goal 90,0
@@ -75,7 +75,7 @@ CASES = {
         evaluate --arenas rom => did you mean room?
         evaluate --controllers gaol => did you mean goal?
         evaluate --walls blnk => did you mean blank?
-        evaluate --seeds => --seeds and --walls need one value or more
+        evaluate --seeds => --seeds and --arenas need one value or more
         evaluate --jobs -2 => --jobs must be 1 or more
         evaluate --arenas room --out /proc/nothing => cannot write there
         evaluate nowhere.toml => no such file
@@ -85,9 +85,7 @@ CASES = {
     """,
     "A car": """
         run maxston8 => did you mean maxstone8?
-        run sim --seconds 0 => --seconds must be positive
         run sim --seconds nan => --seconds must be a number
-        run maxstone8 --disturbance noise => this car has cameras
         run sim --save-map map => --save-map needs a map
         check simm => did you mean sim?
         calibrate void void
