@@ -45,8 +45,6 @@ class DeadReckoning(nn.Module):
 
     Args:
         dt: time step, s.
-        scale_error: error of length, as a ratio: 0.02 takes every metre for 1.02 m.
-        drift: error of heading, radians a second. Both are there to try how much of them a map bears.
 
     Raises:
         InputError: dt not positive, or speed and curvature of different shapes, without time, or not finite.
@@ -56,10 +54,10 @@ class DeadReckoning(nn.Module):
     tensor([0.5000, 1.0000, 1.5000, 2.0000])
     """
 
-    def __init__(self, dt: float, scale_error: float = 0.0, drift: float = 0.0) -> None:
+    def __init__(self, dt: float) -> None:
         super().__init__()
         check_number("dt", dt, above=0, unit="seconds")
-        self.dt, self.scale_error, self.drift = dt, scale_error, drift
+        self.dt = dt
 
     def forward(self, speed: Tensor, curvature: Tensor, state: Pose | None = None) -> tuple[Pose, Pose]:
         check_state(state, Pose)
@@ -80,9 +78,8 @@ class DeadReckoning(nn.Module):
         return Pose(x, y, heading), pose
 
     def step(self, pose: Pose, speed: Any, curvature: Any) -> Pose:
-        """One time step with the errors: tensors for a pose of tensors, numbers for one of numbers."""
-        pose = arc(pose, speed * (1 + self.scale_error), curvature, self.dt)
-        return pose._replace(heading=pose.heading + self.drift * self.dt) if self.drift else pose
+        """One time step: tensors for a pose of tensors, numbers for one of numbers."""
+        return arc(pose, speed, curvature, self.dt)
 
 
 def to_world(pose: Pose, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:

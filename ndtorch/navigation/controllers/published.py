@@ -16,8 +16,8 @@ from ndtorch.navigation.controllers.contract import CRUISE, STOPPED, SUPPRESSED,
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.stereo._kernels import Array, Frames, cell_maxima, grey_fields, packed
-from ndtorch.navigation.stereo.ranging import Ranges
-from ndtorch.navigation.stereo.rig import Rect, StereoRig
+from ndtorch.navigation.stereo.ranging import TAU_HIGH, Ranges
+from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.navigation.stereo.strips import at_rects, check_peak, checked, grey_pair
 from ndtorch.utils.jit import jit
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
@@ -101,29 +101,15 @@ class SubfieldMotion(nn.Module):
     Args:
         rig: the camera pair.
         dt: time step, s.
-        fields: the subfields, of one size; `rig.subfields()` by default.
-        tau_high: time constant of the high-pass, s.
 
     Raises:
         InputError: frames that cannot be used (see `grey_pair`), or NaN, infinity or values far beyond 1 in
-            them; subfields of two sizes or outside the frame.
+            them; subfields outside the frame.
     """
 
-    def __init__(
-        self,
-        rig: StereoRig,
-        dt: float,
-        fields: tuple[Rect, Rect] | None = None,
-        tau_high: float = 0.005,
-    ) -> None:
+    def __init__(self, rig: StereoRig, dt: float) -> None:
         super().__init__()
-        self.fields = fields or rig.subfields()
-        self.size = (rig.height, rig.width)
-        self.nd_min = NDMin(tau_high, dt)
-        sizes = {rect.size for rect in self.fields}
-        inside = all(0 <= r.top < r.bottom <= rig.height and 0 <= r.left < r.right <= rig.width for r in self.fields)
-        if len(sizes) != 1 or not inside:
-            raise InputError(f"subfields must be of one size and inside {self.size}, got {self.fields}")
+        self.fields, self.size, self.nd_min = rig.subfields(), (rig.height, rig.width), NDMin(TAU_HIGH, dt)
 
     def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         pair = grey_pair(left, right, *self.fields, self.size)
@@ -248,16 +234,10 @@ class PublishedBase(Controller):
 
     name, Params, modes = "published", AvoidanceParams, (CRUISE, TURN, SUPPRESSED, STOPPED)
 
-    def __init__(
-        self,
-        rig: StereoRig,
-        dt: float,
-        params: AvoidanceParams | None = None,
-        fields: tuple[Rect, Rect] | None = None,
-    ) -> None:
+    def __init__(self, rig: StereoRig, dt: float, params: AvoidanceParams | None = None) -> None:
         super().__init__(rig, dt, params)
         p: AvoidanceParams = self.params
-        self.look, self.rule = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, p)
+        self.look, self.rule = SubfieldMotion(rig, dt), SaccadeAvoidance(dt, p)
         self.fields = self.look.fields
         self.trace = Trace("right - left, low-passed", turn=p.turn_threshold, stop=p.low_threshold)
 
@@ -272,7 +252,6 @@ class PublishedControl(PublishedBase):
     Args:
         rig, dt: as `Controller`.
         params: of `SaccadeAvoidance`.
-        fields: the subfields; `rig.subfields()` by default.
     """
 
     def see(self, frames: tuple[Tensor, Tensor], state: Any = None) -> tuple[Any, Any, Any]:
@@ -319,7 +298,7 @@ class SaccadeController(PublishedBase):
             in m/s and curvature in 1/m. `state=None` begins with this frame.
 
     Args:
-        rig, dt, params, fields: as `PublishedControl`.
+        rig, dt, params: as `PublishedControl`.
 
     Raises:
         InputError: frames of another size, type or number of colors.
@@ -327,14 +306,8 @@ class SaccadeController(PublishedBase):
 
     backend = "numba"
 
-    def __init__(
-        self,
-        rig: StereoRig,
-        dt: float,
-        params: AvoidanceParams | None = None,
-        fields: tuple[Rect, Rect] | None = None,
-    ) -> None:
-        super().__init__(rig, dt, params, fields)
+    def __init__(self, rig: StereoRig, dt: float, params: AvoidanceParams | None = None) -> None:
+        super().__init__(rig, dt, params)
         rule, (rect, other) = self.rule, self.fields
         derived = {"share": rule.share, "turn": rule.turn, "watching": rule.watching, "age": rule.age}
         self.numbers, self.size = packed(self.params, a=float(self.look.nd_min.a), **derived), self.look.size

@@ -7,7 +7,6 @@ import math
 import torch
 from torch import Tensor
 
-from ndtorch.errors import InputError
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import StereoRig
 
@@ -52,13 +51,14 @@ SEARCH_SPREAD_PX = 0.2
 """Standard deviation of the beams of a search. In textured arenas 68 % of its disparities are within .15 to .4 pixels
 of the true ones."""
 
+SIGMAS = 3
+"""Standard deviations to either side of an axis over which a table of beams reaches."""
+
 BEYOND_SIGHT = 100.0
 """Metres at which rays that do not meet are cut off."""
 
 
-def beam_table(
-    rig: StereoRig, farthest: float, spacing: float, sigmas: float = 3.0, spread_px: float = 1.0
-) -> tuple[Tensor, Tensor]:
+def beam_table(rig: StereoRig, farthest: float, spacing: float, spread_px: float = 1.0) -> tuple[Tensor, Tensor]:
     """A table of places for `sample_certainty`: tangents `[2, S]` of their angles off the left and the right axis, and
     weights `[S]`, the product of both Gaussians times the step of both tangents, over the baseline.
 
@@ -67,15 +67,12 @@ def beam_table(
     nearer by, and half a standard deviation across, which is one or two millimetres. `spread_px` is the standard
     deviation of a beam.
     """
-    if not all(0 < number < math.inf for number in (farthest, spacing, sigmas, spread_px)):
-        given = f"farthest={farthest}, spacing={spacing}, sigmas={sigmas}, spread_px={spread_px}"
-        raise InputError(f"expected positive numbers, got {given}")
     sigma = math.tan(rig.pixel_angle) * spread_px
     # Off the axes by s sigma / sqrt(2) each, the rays meet farthest^2 sqrt(2) sigma s / baseline nearer by.
     step = min(0.5, spacing * rig.baseline / (farthest**2 * math.sqrt(2) * sigma))
-    half = math.ceil(sigmas / step)
+    half = math.ceil(SIGMAS / step)
     along = torch.arange(-half, half + 1, dtype=torch.float64) * step
-    across = torch.arange(-2 * math.ceil(sigmas), 2 * math.ceil(sigmas) + 1, dtype=torch.float64) / 2
+    across = torch.arange(-2 * SIGMAS, 2 * SIGMAS + 1, dtype=torch.float64) / 2
     s, c = (grid.flatten() for grid in torch.meshgrid(along, across, indexing="ij"))
     weight = torch.exp(-(s.square() + c.square()) / 2) * (step / 2 * sigma**2 / rig.baseline)
     tangent = torch.stack((c - s, c + s)) * (sigma / math.sqrt(2))

@@ -26,6 +26,9 @@ from ndtorch.navigation.stereo.strips import at_rects, check_peak, checked, grey
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
 
+TAU_HIGH = 0.005
+"""Time constant of the high-pass, s, as [A] has it."""
+
 
 class Ranges(NamedTuple):
     """Ranged features, tensors or arrays `[..., n]`; slots that are not `valid` hold zeros.
@@ -79,7 +82,6 @@ class StereoRanging(nn.Module):
         dt: time step, s.
         features, matching: parameters of the steps.
         angles: `"atan"` (exact) or `"linear"` (as published).
-        tau_high: time constant of the high-pass, s.
         search: search the right row instead of matching features, see `search`. Of whole frames it reads
             `search.rows` rows; strips may hold so many, or only the horizon row.
 
@@ -104,7 +106,6 @@ class StereoRanging(nn.Module):
         features: FeatureParams | None = None,
         matching: MatchParams | None = None,
         angles: AngleModel = "atan",
-        tau_high: float = 0.005,
         search: SearchParams | None = None,
     ) -> None:
         super().__init__()
@@ -114,7 +115,7 @@ class StereoRanging(nn.Module):
         self.features, self.matching = f, m = features or FeatureParams(), matching or MatchParams()
         self.search = search
         self.row, self.horizon = row_rect(rig, 1 if search is None else search.rows), row_rect(rig)
-        self.nd_min = NDMin(tau_high, dt)
+        self.nd_min = NDMin(TAU_HIGH, dt)
         # Nearer the border, a partner with the smallest disparity would lie outside the other row.
         self.border = math.ceil(m.min_disparity_px) if f.shared else 0
         self.numbers = packed(

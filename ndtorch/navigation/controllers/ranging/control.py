@@ -30,13 +30,10 @@ from ndtorch.navigation.local_grid import DrivenPath, Primitives
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
 from ndtorch.navigation.stereo._kernels import Frames, packed
-from ndtorch.navigation.stereo.ranging import Ranges
+from ndtorch.navigation.stereo.ranging import TAU_HIGH, Ranges
 from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.navigation.stereo.strips import at_rects, check_peak, checked
 from ndtorch.vision.temporal import smoothing_factor
-
-TAU_HIGH = 0.005
-"""Time constant of the high-pass, s, as [A] has it."""
 
 SEARCH_INTERVAL_S, BOXED_IN_S = 0.17, 1.0
 """The right row is searched so often for what stands; a car that is boxed in forgets with the second time constant."""
