@@ -98,8 +98,7 @@ class VisualFeatures(nn.Module):
             return self._each(frames, state)
         kind = torch.float64 if frames.dtype == torch.float64 else torch.float32
         alike = state is None or (state.slow.shape == self.size and state.slow.dtype == state.delayed.dtype == kind)
-        possible = not batch and alike and (self.orientation.paired or self.orientation.exact)
-        if possible and kernels_wanted(frames, *(state or ()), *self.parameters(), backend=self.backend):
+        if not batch and alike and kernels_wanted(frames, *(state or ()), *self.parameters(), backend=self.backend):
             return self._one_pass(frames, state, kind)
         check_values(frames)
         sums = []

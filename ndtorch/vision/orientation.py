@@ -23,7 +23,6 @@ from ndtorch.vision.decimation import (
     thin_rows,
     thinning_gain,
 )
-from ndtorch.vision.fft_pairs import halves, pair_up, pair_weights, responses, weighted_sums
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
 
@@ -123,8 +122,6 @@ class OrientedDoG(nn.Module):
     fast_filter: RealFilter | None
     row_weights: Tensor
     column_weights: Tensor
-    pair_filters: Tensor
-    pair_weights: Tensor
     backend: Backend = "auto"
 
     def __init__(
@@ -176,7 +173,6 @@ class OrientedDoG(nn.Module):
             (height, width), (down, across) = self.padded, self.blocks
             self.thinning = Thinning((height // down, width // across), (down, across), self.margin)
         # Both grids can be one, but for a small one, where some frequencies are their own mirror images.
-        self.paired = not self.exact and self.grid[0] < self.padded[0] and self.grid[1] < self.padded[1]
         rows = torch.fft.fftfreq(self.grid[0]) * (self.grid[0] / self.padded[0])
         columns = columns[: self.grid[1] // 2 + 1]
         fast = torch.stack([dog_spectrum(rows[:, None], columns, a, center, surround) for a in radians])
@@ -199,11 +195,6 @@ class OrientedDoG(nn.Module):
         for name, (n, g, m, start, cell) in zip(("row_weights", "column_weights"), lines, strict=True):
             weights = torch.stack([inside_weights(n, g, m, o + start / cell) for o in OFFSETS])
             self.register_buffer(name, weights.float(), persistent=False)
-        inside = (self.row_weights, self.column_weights)
-        if border == "wrap":  # nothing lies outside
-            inside = (torch.ones_like(self.row_weights), torch.ones_like(self.column_weights))
-        self.register_buffer("pair_filters", halves(pair_up(self.fast_spectrum, self.grid[1])), persistent=False)
-        self.register_buffer("pair_weights", pair_weights(*inside), persistent=False)
 
     def images(self, image: Tensor) -> Tensor:
         """Signed responses `[..., 3, H, W]` to grey images `[..., H, W]`, exact."""
@@ -253,41 +244,39 @@ class OrientedDoG(nn.Module):
 
     def sums(self, image: Tensor) -> Tensor:
         """Sums over space of the magnitudes, `[..., 3]`, of grey images `[..., H, W]`."""
+        return self.sums_of_thinned(image if self.exact else self.thinned(image))
+
+    def sums_of_thinned(self, images: Tensor) -> Tensor:
+        """`sums` of grey images `[..., h, w]` that are mirrored and thinned already, see `thinning`."""
         if self.exact:
-            return self.images(image).abs().sum((-1, -2))
-        size = self.magnitudes(image)
+            return self.images(images).abs().sum((-1, -2))
+        size = self.magnitudes_of_thinned(images)
         if self.border == "wrap":
             return size.sum((-4, -2, -1))
-        rows = self.row_weights.to(size.dtype)
-        total: Tensor = torch.einsum("...ofhw,oh,ow->...f", size, rows, self.column_weights.to(size.dtype))
-        return total
+        rows, columns = self.row_weights.to(size.dtype), self.column_weights.to(size.dtype)
+        return (rows[:, None, None] @ (size @ columns[:, None, :, None])).sum((-4, -2, -1))
 
     def magnitudes(self, image: Tensor) -> Tensor:
         """Magnitudes on the two coarse grids, `[..., 2, 3, h, w]`, of grey images `[..., H, W]`.
 
         Every value stands for the pixels around its place (`places`): summed up they are the sums of `sums`.
         """
-        image = thin_columns(thin_rows(self._pad(image), self.blocks[0]), self.blocks[1])
+        return self.magnitudes_of_thinned(self.thinned(image))
+
+    def thinned(self, image: Tensor) -> Tensor:
+        """Grey images with their mirrored margins and fewer rows and columns, see `thinning`."""
+        return thin_columns(thin_rows(self._pad(image), self.blocks[0]), self.blocks[1])
+
+    def magnitudes_of_thinned(self, image: Tensor) -> Tensor:
+        """`magnitudes` of images `[..., h, w]` as of `thinned`."""
         if self.fast_filter is not None:
             fast: Tensor = self.fast_filter(image[..., None, None, :, :])
             return fast.abs()
-        spectrum = low_rows(self._columns(image), self.grid[0])[..., None, None, :, :]
-        # irfft2 divides by the grid's points and a sum has that many fewer terms: the two cancel.
-        size: Tensor = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid).abs_()
-        return size
-
-    def sums_of_thinned(self, images: Tensor) -> Tensor:
-        """`sums` by kernels of grey images `[T, h, w]` that are mirrored and thinned already, see `thinning`."""
-        if self.exact:
-            return self.images(images).abs().sum((-1, -2))
         # At once in both directions: only so is the transform of an image the same to the bit in any batch.
-        spectrum = torch.fft.rfft2(images)[..., : self.grid[1] // 2 + 1]
-        return weighted_sums(responses(spectrum, self.pair_filters), self.pair_weights)
-
-    def _columns(self, image: Tensor) -> Tensor:
-        """The spectrum of a thinned image, without high frequencies along rows."""
-        columns: Tensor = torch.fft.fft(torch.fft.rfft(image)[..., : self.grid[1] // 2 + 1], dim=-2)
-        return columns
+        low = low_rows(torch.fft.rfft2(image)[..., : self.grid[1] // 2 + 1], self.grid[0])[..., None, None, :, :]
+        # irfft2 divides by the grid's points and a sum has that many fewer terms: the two cancel.
+        size: Tensor = torch.fft.irfft2(low * self.fast_spectrum.to(low.dtype), s=self.grid).abs_()
+        return size
 
     def places(self) -> tuple[Tensor, Tensor]:
         """Rows `[2, h]` and columns `[2, w]` of the coarse grids, in pixels of the frame; pixel n is at n + 1/2."""
