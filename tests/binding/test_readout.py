@@ -71,12 +71,12 @@ def test_what_has_left_is_forgotten() -> None:
 def test_constants_and_white_noise_are_no_source(signals: Tensor) -> None:
     estimator, state = after(signals)
     assert int(estimator.number(state)) == 0
-    assert not estimator.table(state).owners.any()
+    assert not estimator.table(state, torch.zeros(*state.votes.shape[:-1], 10, 10)).owners.any()
 
 
 def test_features_are_those_of_each_bar() -> None:
     estimator, state = after(sums(3, noise=0.5))
-    table = estimator.table(state)
+    table = estimator.table(state, torch.zeros(*state.votes.shape[:-1], 10, 10))
     rows = {FEATURES[int(row[7:].argmax()) + 7]: row for row in table.rows[table.owners]}
     assert set(rows) == {"red", "green", "blue"}
     for name, motion, tilt in (("red", "right", "0°"), ("green", "left", "60°"), ("blue", "down", "120°")):
@@ -100,7 +100,7 @@ def test_chunks_give_the_whole(lengths: list[int]) -> None:
 def test_scenes_in_a_batch_are_counted_as_each_alone() -> None:
     estimator, state = after(torch.stack([sums(1), sums(2), sums(3)]))
     assert estimator.number(state).tolist() == [1, 2, 3]
-    assert estimator.table(state).owners.sum(-1).tolist() == [1, 2, 3]
+    assert estimator.table(state, torch.zeros(*state.votes.shape[:-1], 10, 10)).owners.sum(-1).tolist() == [1, 2, 3]
 
 
 @settings(max_examples=10, deadline=None)

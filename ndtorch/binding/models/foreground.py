@@ -13,11 +13,11 @@ from torch import Tensor
 from ndtorch.arguments import check_dense, check_state
 from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, states_of
-from ndtorch.binding.models.scale_free import RuleConstants
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.foreground.background import (
@@ -167,18 +167,9 @@ class ForegroundModel(BindingModel):
         self.small = (max(16, c.size[0] // shrink // 4 * 4), max(16, c.size[1] // shrink // 4 * 4))
         self.features = MaskedFeatures(self.small, self.dt)
         self.normalise = FieldInputs(self.dt, MEMORY_S, FLOOR)
-        rule = self.rule = RuleConstants()
-        self.network = InhibitoryNetwork(
-            10,
-            self.dt,
-            rule.learning_rule() if c.learn else None,
-            "settled",
-            shared=True,
-            tau_in=math.inf,
-            tau_out=rule.tau_out,
-            tau_power=rule.tau_power,
-            settle=self.settle,
-            faint=MIN_FLUCTUATION,
+        rule = self.rule = ScaleFreeRule(gamma=0.2 if c.learn else 0.0)
+        self.network = InhibitoryNetwork.scale_free(
+            10, self.dt, rule, shared=True, settle=self.settle, every=0.0, faint=MIN_FLUCTUATION
         )
 
     @classmethod
@@ -201,14 +192,8 @@ class ForegroundModel(BindingModel):
         state = self._start() if state is None else state
         scene, closed = None if state.scene is None else as_arrays(state.scene), list[Tracks]()
         waiting, counted, time = state.waiting, int(state.frames), float(state.time)
-        measured, labels, masks, times, cuts = (
-            list[Measured | None](),
-            list[Any](),
-            list[Any](),
-            list[float](),
-            list[bool](),
-        )
-        reported = list[Tracks]()
+        measured, labels, masks = list[Measured | None](), list[Any](), list[Any]()
+        times, cuts, reported = list[float](), list[bool](), list[Tracks]()
         for k, frame in enumerate(frames):
             image = downscale(frame, self.small)
             if self.group > 1:

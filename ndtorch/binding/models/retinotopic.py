@@ -12,11 +12,12 @@ from ndtorch.arguments import check_state
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.learning import settled
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
+from ndtorch.binding.models.whole_field import WholeField
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFiles, ObjectFileState
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.owners import features_by_group
-from ndtorch.config import Constants, Deviations, ModelConfig, Size, constant
+from ndtorch.config import Constants, ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures
 from ndtorch.vision.frames import frames_in
@@ -25,19 +26,10 @@ from ndtorch.vision.receptive_fields import LocalFeatures
 from ndtorch.vision.temporal import safe_sqrt
 
 
-class LocalFields(Constants):
+class LocalFields(WholeField):
     """Overlapping fields on a coarse grid."""
 
     along: int = constant(16, "Fields along the shorter side of the frame.", ge=3)
-    tau_motion_high: float = constant(0.5, "High-pass of the motion detectors, seconds.", ge=0)
-    tau_motion_low: float = constant(0.05, "Delay filter of the motion detectors, seconds.", ge=0)
-    center: Deviations = constant(
-        (19.0, 6.0), "Deviations of the center of the orientation filters along and across, pixels."
-    )
-    surround: Deviations = constant(
-        (22.0, 9.0), "Deviations of the surround of the orientation filters along and across, pixels."
-    )
-    exact: bool = constant(False, "Orientation sums at full resolution: slower, differs by < 0.5 %.")
 
 
 class SingleReadout(Constants):
@@ -105,14 +97,7 @@ class RetinotopicModel(BindingModel):
         self.dt, self.settle = 1 / c.fps, 0.0
         f = c.fields
         features = VisualFeatures(
-            c.size,
-            self.dt,
-            f.tau_motion_high,
-            f.tau_motion_low,
-            c.border,
-            f.exact,
-            center=f.center,
-            surround=f.surround,
+            c.size, self.dt, f.tau_motion_high, f.tau_motion_low, c.border, f.exact, f.center, f.surround
         )
         self.eyes = LocalFeatures(features, f.along)
         weights = torch.zeros(10, 10) if first_stage is None else first_stage_weights(first_stage)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal, NamedTuple
 
 import torch
@@ -19,29 +18,6 @@ from ndtorch.binding.readout.sources import SourceEstimator, SourceParams, Sourc
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import Constants, constant
 from ndtorch.vision.temporal import FilterState, LowPass
-
-
-class RuleConstants(Constants):
-    """Constants of the scale-free rule, and of what it sees."""
-
-    gamma: float = constant(0.2, "learning rate in the long run, 1/s", ge=0)
-    boost: float = constant(15.0, "how many times faster learning is at first, less one", ge=0)
-    tau_boost: float = constant(4.0, "time constant with which that subsides", gt=0)
-    tau_onset: float = constant(0.2, "soft start of learning", ge=0)
-    tau_out: float = constant(2.0, "high-pass on the outputs in the learning rule", ge=0)
-    tau_power: float = constant(3.0, "memory of the outputs' power", ge=0)
-    exponent: float = constant(4.0, "of the gate between weak and strong outputs", gt=0)
-    leak: float = constant(2.0, "how fast weights from weak to strong are forgotten, against gamma", ge=0)
-    smallest_deviation: float = constant(0.02, "of an output, as a share of the largest", gt=0)
-    lowest: float = constant(-0.4, "lowest and", le=0)
-    highest: float = constant(1.2, "highest weight", ge=0)
-    radius_limit: float = constant(0.95, "limit on the Perron root of the weights' magnitudes", gt=0, lt=1)
-
-    def learning_rule(self) -> ScaleFreeRule:
-        """The rule with these constants."""
-        shared = self.model_dump(exclude={"tau_out", "tau_power", "smallest_deviation"})
-        constants = {name: shared[name] for name in RuleConstants.model_fields if name in shared}
-        return ScaleFreeRule(floor=self.smallest_deviation, **constants)
 
 
 class ScaleFreeTable(Constants):
@@ -109,9 +85,7 @@ class ScaleFreeModel(WholeFieldModel):
         n = c.network
         rule = ScaleFreeRule(gamma=n.gamma, leak=n.leak, radius_limit=n.radius_limit)
         self.smooth = LowPass(n.tau_smooth, self.dt, 1)
-        self.second = InhibitoryNetwork(
-            10, self.dt, rule, "settled", tau_in=math.inf, tau_out=n.tau_out, settle=n.settle, every=0.05
-        )
+        self.second = InhibitoryNetwork.scale_free(10, self.dt, rule, tau_out=n.tau_out, settle=n.settle)
         self.sources = SourceEstimator(self.dt, self.first_weights, c.readout)
 
     def refine(self, inputs: Tensor, state: None) -> tuple[Tensor, None]:
@@ -125,7 +99,7 @@ class ScaleFreeModel(WholeFieldModel):
 
     def table(self, state: BindingState) -> ObjectTable:
         """The objects, of one trial or a batch, whatever the verdict."""
-        return self.sources.table(state.second.sources)
+        return self.sources.table(state.second.sources, state.second.weights)
 
     def learned(self, state: BindingState) -> tuple[Tensor, Tensor]:
         """As in the contract: stable is a number of objects of a confidence of `certain` or more."""

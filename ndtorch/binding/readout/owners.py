@@ -18,6 +18,12 @@ def features_by_group(values: Tensor, smallest: float = 1 / 3) -> Tensor:
     return torch.where(shares >= smallest, shares, 0.0)
 
 
+def strongest_columns(weights: Tensor, count: int) -> Tensor:
+    """Columns of `[10, 10]` weights of the neurons that send most inhibition, with themselves, `[count, 10]`."""
+    senders = weights.clamp_min(0).sum(-2).topk(count).indices
+    return (weights.mT + torch.eye(10).to(weights))[senders]
+
+
 SMALLEST_WEIGHT = 1 / 3
 SMALLEST_COLUMN = 0.6
 

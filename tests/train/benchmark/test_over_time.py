@@ -18,7 +18,7 @@ from ndtorch_train.benchmark.over_time import bins, color_rank, fast_ica, featur
 
 @pytest.mark.parametrize("name", CONDITIONS)
 def test_films_are_in_range_and_do_not_depend_on_chunks(name: str) -> None:
-    film, again = (draw_film(name, "tune", 1, 4) for _ in range(2))
+    film, again = (draw_film(name, "tune", 1) for _ in range(2))
     frames = film.frames(0, 4)
     assert frames.shape == (4, 3, *film.size)
     assert 0 <= float(frames.min()) <= float(frames.max()) <= 1
@@ -29,14 +29,14 @@ def test_films_are_in_range_and_do_not_depend_on_chunks(name: str) -> None:
 
 def test_no_seed_is_in_both_splits() -> None:
     assert FIRST_SEED["tune"] + 1000 * len(CONDITIONS) <= FIRST_SEED["test"]
-    one, other = (draw_film("black, 4 bars", split, 0, 4).frames(0, 1) for split in ("tune", "test"))
+    one, other = (draw_film("black, 4 bars", split, 0).frames(0, 1) for split in ("tune", "test"))
     assert not torch.equal(one, other)
 
 
 def test_grounds_and_noise_are_as_bright_as_they_say() -> None:
-    ground = draw_film("grey ground .4", "tune", 0, 4).frames(0, 1)
+    ground = draw_film("grey ground .4", "tune", 0).frames(0, 1)
     assert float(ground.median()) == pytest.approx(0.4, abs=1 / 255)
-    noisy = draw_film("grey ground .4, noise 1 %", "tune", 0, 4).frames(0, 1)
+    noisy = draw_film("grey ground .4, noise 1 %", "tune", 0).frames(0, 1)
     assert float(noisy[..., 0, :].std()) == pytest.approx(0.01, abs=0.002)
 
 
@@ -47,7 +47,7 @@ def test_hues_keep_their_distance() -> None:
 
 
 def test_sums_are_kept_with_the_features_of_each_bar(tmp_path: Path) -> None:
-    film = draw_film("two_bars, any phase", "tune", 1, 4)
+    film = draw_film("two_bars, any phase", "tune", 1)
     film.length = 10
     first = kept_sums(film, tmp_path / "film.npz")
     again = kept_sums(film, tmp_path / "film.npz")
@@ -71,7 +71,7 @@ def mixture(noise: float = 0.0) -> Sums:
 
 
 def test_peers_count_what_is_plain() -> None:
-    film = draw_film("two_bars, any phase", "tune", 0, 4)
+    film = draw_film("two_bars, any phase", "tune", 0)
     for method in (color_rank, fast_ica):
         assert [reading.number for reading in method(film, mixture(), [20, 30])] == [2, 2]
     (reading,) = fast_ica(film, mixture(0.001), [30])

@@ -47,7 +47,8 @@ class Condition:
         ground: mean brightness of the ground.
         texture: the ground is smooth colored noise, .15 around its mean.
         come_and_go: all bars but the first enter the film after its start and leave it before its end.
-        paper: the papers' scenes at phases of equal distance; bars exactly in step are one source and are not drawn.
+        paper: the papers' scenes, at any phase.
+        in_step: the papers' scenes, the first two bars exactly in step or in opposite phase.
     """
 
     bars: tuple[int, ...] = (1, 2, 3)
@@ -59,6 +60,7 @@ class Condition:
     texture: bool = False
     come_and_go: bool = False
     paper: bool = False
+    in_step: bool = False
 
 
 CONDITIONS: Mapping[str, Condition] = {
@@ -81,6 +83,7 @@ CONDITIONS: Mapping[str, Condition] = {
     "equal bars": Condition((2, 3), hue_gap=0.0, one_orientation=True),
     "grey film": Condition((1, 2, 3), grey=True),
     "bars come and go": Condition((2, 3), come_and_go=True),
+    "two_bars, three_bars in step": Condition((2, 2, 3), in_step=True),
 }
 """Rows of the table by name."""
 
@@ -130,8 +133,8 @@ class Film(RenderedScene):
         return film
 
 
-def draw_film(name: str, split: Split, number: int, count: int) -> Film:
-    """Film `number` of `count` of a condition.
+def draw_film(name: str, split: Split, number: int) -> Film:
+    """Film of a condition, by its number.
 
     Bars move in any direction at 20 to 150 pixels a second; half of them move across their long axis, the others have
     any orientation, 30° apart from each other's where bars have one hue or none. Brightness is a sine (period .5 to
@@ -139,8 +142,8 @@ def draw_film(name: str, split: Split, number: int, count: int) -> Film:
     """
     c, seed = CONDITIONS[name], FIRST_SEED[split] + 1000 * list(CONDITIONS).index(name) + number
     rng, bars = np.random.default_rng(seed), c.bars[number % len(c.bars)]
-    if c.paper:
-        return paper_film(bars, 360 * (number + (0.5 if split == "tune" else 0.25)) / count, rng)
+    if c.paper or c.in_step:
+        return paper_film(bars, 180 * (number % 2) if c.in_step else rng.uniform(0, 360), rng)
     size, fps = FRAMES[number % len(FRAMES)]
     length = rng.uniform(0.12, 0.16) * min(size)
     hues = apart(rng, bars, 360, c.hue_gap) if c.hue_gap else np.full(bars, rng.uniform(0, 360))

@@ -137,9 +137,8 @@ def measure(name: str, methods: Sequence[str], split: Split, films: int, folder:
     seconds = range(FIRST, math.floor(SECONDS) + 1)
     answers: dict[str, list[tuple[bool, bool, float | None]]] = {method: [] for method in methods}
     for number in range(films):
-        film = draw_film(name, split, number, films)
-        file = f"{list(CONDITIONS).index(name)}-{split}-{films}-{number}.npz"
-        sums = kept_sums(film, folder / "sums" / file)
+        film = draw_film(name, split, number)
+        sums = kept_sums(film, folder / "sums" / f"{list(CONDITIONS).index(name)}-{split}-{number}.npz")
         for method in methods:
             for second, reading in zip(seconds, METHODS[method](film, sums, seconds), strict=True):
                 truth = sums.truth[[a <= second < b or b == SECONDS for a, b in sums.shown]]
