@@ -86,44 +86,26 @@ class MovingGrating(FrameSource):
 
 
 class FlickeringGrating(FrameSource):
-    """A grating, or a uniform row, whose light is multiplied by a sinusoid between 0 and 1. [A Methods]
+    """The grating of `MovingGrating` at rest, or a uniform row; its light is multiplied by a sinusoid between 0 and 1.
+    [A Methods]
 
     14.9 Hz at 30 frames a second, just below the Nyquist rate, excites the non-directional sensors most.
     Frames are grey rows `[T, 1, 1, width]`.
 
     Args:
         frequency: flicker frequency in Hz.
-        uniform: a row of one intensity, `bright`, instead of the grating.
-        The others as `MovingGrating`.
+        uniform: a row of one intensity instead of the grating.
+        width, fps, length: as of `MovingGrating`.
 
     Raises:
         InputError: numbers out of range.
     """
 
     def __init__(
-        self,
-        frequency: float = 14.9,
-        *,
-        uniform: bool = False,
-        bar: float = 10.0,
-        gap: float = 10.0,
-        dark: float = 0.25,
-        bright: float = 0.75,
-        width: int = 640,
-        fps: float = 30.0,
-        length: int = 201,
+        self, frequency: float = 14.9, *, uniform: bool = False, width: int = 640, fps: float = 30.0, length: int = 201
     ) -> None:
         check_number("frequency", frequency, least=0, unit="cycles a second")
-        still = MovingGrating(
-            [0.0],
-            bar=bar,
-            gap=0.0 if uniform else gap,
-            dark=dark,
-            bright=bright,
-            width=width,
-            fps=fps,
-            length=length,
-        )
+        still = MovingGrating([0.0], gap=0.0 if uniform else 10.0, width=width, fps=fps, length=length)
         self.name, self.fps, self.size, self.length = "flickering-grating", fps, (1, width), length
         self.frequency = frequency
         self._still = next(still.chunks(1))[0, 0].to(torch.float64)

@@ -19,7 +19,6 @@ NAMES = {
     "av": "av",
     "cv2": "opencv-python-headless",
     "gymnasium": "gymnasium",
-    "huggingface_hub": "huggingface-hub",
     "mcap": "mcap",
     "numba": "numba",
     "pyarrow": "pyarrow",
@@ -27,8 +26,6 @@ NAMES = {
     "rerun": "rerun-sdk",
     "serial": "pyserial",
     "sklearn": "scikit-learn",
-    "tomli_w": "tomli-w",
-    "xarray": "xarray",
 }
 """What to install for a module that some commands need."""
 
