@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,12 @@ from ndtorch.utils.jit import jit
 
 Array = Any
 """An array in a compiled function."""
+
+NUMBER, STATUS, BEGAN, SEEN, PLACE, VELOCITY, EXTENT, START, TRAVEL, ANCHOR = 0, 1, 2, 3, 4, 6, 8, 10, 12, 13
+ANCHORED, DETECTIONS, ALONE, CONTRAST, AREA, COLOR, NETWORK, TRACK_COLUMNS = 15, 16, 17, 18, 19, 20, 23, 43
+"""First columns of what is known of a track, see `ndtorch.foreground.tracker.Tracks`."""
+TENTATIVE, MEASURED, PREDICTED, STATIONARY = range(4)
+"""Statuses of tracks."""
 
 
 @jit
@@ -172,17 +179,51 @@ def look_up(table: Array, labels: Array, values: Array) -> None:
 
 
 @jit
-def sum_blobs(labels: Array, image: Array, distance: Array, sigma: Array, sums: Array) -> None:
-    """Of each label: pixels, left, top, right and bottom, and sums of column, row, red, green, blue and contrast.
+def count_inside(labels: Array, boxes: Array, inside: Array) -> None:
+    """Pixels of each label `[h, w]` but 0 in each box `[N, 4]` of left, top, right and bottom, added to `[N, L]`."""
+    for n in range(boxes.shape[0]):
+        left, top = max(0, round(boxes[n, 0])), max(0, round(boxes[n, 1]))
+        right, bottom = round(boxes[n, 2]), round(boxes[n, 3])
+        for y in range(top, min(bottom, labels.shape[0])):
+            for x in range(left, min(right, labels.shape[1])):
+                if labels[y, x] > 0:
+                    inside[n, labels[y, x]] += 1
+
+
+@jit
+def name_blobs(components: Array, table: Array, shares: Array, labels: Array) -> None:
+    """The blob of every pixel: that of its component in a table, or the nearest of those who share it.
 
     Args:
-        sums: become these, a row for each label without 0, `[N, 11]`.
+        components, labels: `[h, w]` int32.
+        shares: of each who shares: the blob that is divided, the blob that is its part, column and row, width and
+            height, `[N, 6]`.
+    """
+    for y in range(labels.shape[0]):
+        for x in range(labels.shape[1]):
+            label = table[components[y, x]]
+            labels[y, x] = label
+            least = np.inf
+            for n in range(shares.shape[0] if label > 0 else 0):
+                if shares[n, 0] == label:
+                    across = (x + 0.5 - shares[n, 2]) / shares[n, 4]
+                    along = (y + 0.5 - shares[n, 3]) / shares[n, 5]
+                    if across * across + along * along < least:
+                        least = across * across + along * along
+                        labels[y, x] = int(shares[n, 1])
+
+
+@jit
+def sum_blobs(labels: Array, image: Array, distance: Array, sigma: Array, sums: Array) -> None:
+    """Of each label: pixels, left, top, right and bottom, column and row of the centroid or of the pixel next to it,
+    mean red, green, blue and contrast.
+
+    Args:
+        sums: become these, a row for each label without 0; its last column is for work, `[N, 12]`.
     """
     for n in range(sums.shape[0]):
-        sums[n, 0], sums[n, 3], sums[n, 4] = 0.0, 0.0, 0.0
+        sums[n] = 0.0
         sums[n, 1], sums[n, 2] = labels.shape[1], labels.shape[0]
-        for k in range(5, 11):
-            sums[n, k] = 0.0
     for y in range(labels.shape[0]):
         for x in range(labels.shape[1]):
             if labels[y, x] > 0:
@@ -195,6 +236,131 @@ def sum_blobs(labels: Array, image: Array, distance: Array, sigma: Array, sums: 
                 for c in range(3):
                     own[7 + c] += image[c, y, x]
                 own[10] += distance[y, x] / sigma[y, x]
+    middles = np.empty((sums.shape[0], 2))
+    for n in range(sums.shape[0]):
+        sums[n, 5:11] /= max(sums[n, 0], 1.0)
+        middles[n] = sums[n, 5:7]
+        sums[n, 11] = np.inf
+    for y in range(labels.shape[0]):
+        for x in range(labels.shape[1]):
+            if labels[y, x] > 0:
+                own, middle = sums[labels[y, x] - 1], middles[labels[y, x] - 1]
+                away = (x - middle[0]) ** 2 + (y - middle[1]) ** 2
+                if away < own[11]:
+                    own[5], own[6], own[11] = x, y, away
+    for n in range(sums.shape[0]):
+        if max(abs(sums[n, 5] - middles[n, 0]), abs(sums[n, 6] - middles[n, 1])) <= 0.5:
+            sums[n, 5:7] = middles[n]
+
+
+@jit
+def fill_costs(
+    expected: Array,
+    extent: Array,
+    gate: Array,
+    area: Array,
+    box: Array,
+    blob_area: Array,
+    limits: tuple[float, float],
+    cost: Array,
+) -> None:
+    """Distance of each track from the middle of each blob in gates, 1 and more of pairs that may not meet.
+
+    Args:
+        expected, extent: position and size of N tracks, `[N, 2]`; gate, area: theirs, `[N]`.
+        box: of K blobs, `[K, 4]`; blob_area: `[K]`.
+        limits: largest ratio of areas, and the overlap from which on a pair may meet all the same.
+        cost: becomes that, `[N, K]`.
+    """
+    for n in range(cost.shape[0]):
+        left, right = expected[n, 0] - extent[n, 0] / 2, expected[n, 0] + extent[n, 0] / 2
+        top, bottom = expected[n, 1] - extent[n, 1] / 2, expected[n, 1] + extent[n, 1] / 2
+        for k in range(cost.shape[1]):
+            across = expected[n, 0] - (box[k, 0] + box[k, 2]) / 2
+            along = expected[n, 1] - (box[k, 1] + box[k, 3]) / 2
+            apart = sqrt(across * across + along * along) / max(gate[n], 1e-9)
+            if max(area[n], blob_area[k]) > limits[0] * min(area[n], blob_area[k]):
+                apart = np.inf
+            width = max(0.0, min(right, box[k, 2]) - max(left, box[k, 0]))
+            height = max(0.0, min(bottom, box[k, 3]) - max(top, box[k, 1]))
+            smaller = min(extent[n, 0] * extent[n, 1], (box[k, 2] - box[k, 0]) * (box[k, 3] - box[k, 1]))
+            overlap = width * height / max(smaller, 1e-12)
+            cost[n, k] = min(apart, 1 - overlap / 2) if overlap > limits[1] else apart
+            if blob_area[k] == 0:
+                cost[n, k] = np.inf
+
+
+@jit
+def measure_tracks(
+    rows: Array,
+    expected: Array,
+    box: Array,
+    looks: Array,
+    shared: Array,
+    i: Array,
+    j: Array,
+    time: float,
+    paces: tuple[float, float, float],
+) -> None:
+    """Take the assigned blobs into their tracks. Of a shared blob the size is remembered, not measured.
+
+    Args:
+        rows: of tracks, are updated; expected: their positions, `[N, 2]`.
+        box, looks, shared: of blobs: box, `[K, 4]`, area, contrast and color, `[K, 5]`, and whether they are shared.
+        i, j: tracks and their blobs.
+        paces: time constants of velocity and size, and share of the innovation in a shared blob.
+    """
+    for n in range(i.shape[0]):
+        own, blob, part = rows[i[n]], j[n], shared[j[n]]
+        gap = time - own[SEEN]
+        own[SEEN] = time
+        # Of a young track the velocity is the mean of all steps so far.
+        pace = max(gap / (paces[0] + gap), 1 / max(own[DETECTIONS], 1.0))
+        own[DETECTIONS] += 1
+        keep = gap / (paces[1] + gap)
+        for k in range(2):
+            step = (box[blob, k] + box[blob, 2 + k]) / 2 - expected[i[n], k]
+            step *= paces[2] if part else 1.0
+            own[VELOCITY + k] += pace / gap * step
+            own[PLACE + k] = expected[i[n], k] + step
+            if not part:
+                own[EXTENT + k] += keep * (box[blob, 2 + k] - box[blob, k] - own[EXTENT + k])
+        own[CONTRAST] += (looks[blob, 1] - own[CONTRAST]) / own[DETECTIONS]
+        if not part:
+            own[ALONE] += 1
+            own[AREA] = looks[blob, 0]
+            for k in range(3):
+                own[COLOR + k] += keep * (looks[blob, 2 + k] - own[COLOR + k])
+        if own[STATUS] != TENTATIVE:
+            own[STATUS] = PREDICTED if part else MEASURED
+
+
+@jit
+def confirm_tracks(
+    rows: Array, time: float, ready: bool, limits: tuple[float, float, float, float, float, float]
+) -> None:
+    """A tentative track is confirmed by age, travel and contrast; an object that does not move on is stationary.
+
+    Args:
+        rows: of tracks, are updated.
+        ready: whether tracks may be confirmed.
+        limits: smallest travel in sizes and in heights, contrast and age; seconds after which an object is stationary,
+            and the sizes by which it moves on.
+    """
+    for n in range(rows.shape[0]):
+        own = rows[n]
+        size = (own[EXTENT] + own[EXTENT + 1]) / 2
+        net = sqrt((own[PLACE] - own[START]) ** 2 + (own[PLACE + 1] - own[START + 1]) ** 2)
+        own[TRAVEL] = max(own[TRAVEL], net / size)
+        if sqrt((own[PLACE] - own[ANCHOR]) ** 2 + (own[PLACE + 1] - own[ANCHOR + 1]) ** 2) > limits[5] * size:
+            own[ANCHOR], own[ANCHOR + 1], own[ANCHORED] = own[PLACE], own[PLACE + 1], time
+        enough = max(limits[0] * size, limits[1]) if limits[0] > 0 else 0.0
+        proven = net >= enough and own[CONTRAST] >= limits[2] and time - own[BEGAN] >= limits[3]
+        if own[STATUS] == TENTATIVE:
+            if ready and proven and own[SEEN] == time:
+                own[STATUS] = MEASURED
+        elif own[STATUS] != PREDICTED and time - own[ANCHORED] >= limits[4]:
+            own[STATUS] = STATIONARY
 
 
 @jit

@@ -210,7 +210,7 @@ def without_shadow(mask: Bytes, image: Floats, background: Floats, p: Background
     """A mask without pixels that only lost light, by about the same share in all colors and among neighbours."""
     import cv2
 
-    left, top, width, height = cv2.boundingRect(mask)
+    left, top, width, height = cv2.boundingRect(cv2.medianBlur(mask, 3))
     if not width:
         return mask
     rows = slice(max(0, top - WINDOW_PX), top + height + WINDOW_PX)
@@ -293,8 +293,11 @@ def downscale(frame: Tensor, size: tuple[int, int]) -> Floats:
         frame = (frame * 255).round_().clamp_(0, 255).to(torch.uint8)
     planes = frame.detach().cpu().numpy()
     picture = planes.transpose(1, 2, 0)
-    picture = picture if picture.flags.c_contiguous else np.asarray(cv2.merge(list(planes)))
-    if picture.shape[:2] != size:
-        picture = np.asarray(cv2.resize(picture, size[::-1], interpolation=cv2.INTER_AREA))
-    scaled = np.multiply(picture.transpose(2, 0, 1), np.float32(1 / 255), order="C", dtype=np.float32)
+    if planes.shape[1:] == size:
+        small = planes
+    elif picture.flags.c_contiguous:
+        small = np.asarray(cv2.resize(picture, size[::-1], interpolation=cv2.INTER_AREA)).transpose(2, 0, 1)
+    else:
+        small = np.stack([cv2.resize(plane, size[::-1], interpolation=cv2.INTER_AREA) for plane in planes])
+    scaled = np.multiply(small, np.float32(1 / 255), order="C", dtype=np.float32)
     return np.asarray(scaled, np.float32)

@@ -7,14 +7,23 @@ Lengths are fractions of the image height; a *size* is the mean of an object's h
 from __future__ import annotations
 
 from enum import IntEnum
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ndtorch.config import Constants, constant
-from ndtorch.foreground._kernels import look_up, mark_static, sum_blobs
+from ndtorch.foreground import _kernels
+from ndtorch.foreground._kernels import (
+    confirm_tracks,
+    count_inside,
+    fill_costs,
+    look_up,
+    mark_static,
+    measure_tracks,
+    name_blobs,
+    sum_blobs,
+)
 from ndtorch.foreground.background import SQUARE, BackgroundState, Bytes, Labels, Numbers, Segmentation, is_ghost
 
 Bools = npt.NDArray[np.bool_]
@@ -42,7 +51,7 @@ MOVED_SIZES, MIN_TRAVEL = 0.5, 0.05
 """An object moves on by so many sizes; the travel that confirms it is at least this fraction of the height."""
 TENTATIVE_S, STARTING_S = 1.0, 1.0
 """Tentative tracks become background after this many seconds; none is confirmed within so many seconds of a scene."""
-MAX_PATH = 4096
+MAX_PATH = 1024
 """Rows that all tracks together keep before the earlier ones are closed."""
 CONFIDENT_SIZES = 1.0
 """Travel in sizes of a track of confidence one half."""
@@ -54,10 +63,10 @@ NUMBER, TIME, STATUS, PLACE, BOX, ROW = 0, 1, 2, slice(3, 5), slice(5, 9), 9
 class Status(IntEnum):
     """What a row of a path is: measured, predicted in a blob that it shares, or of an object that stands."""
 
-    TENTATIVE = 0
-    MEASURED = 1
-    PREDICTED = 2
-    STATIONARY = 3
+    TENTATIVE = _kernels.TENTATIVE
+    MEASURED = _kernels.MEASURED
+    PREDICTED = _kernels.PREDICTED
+    STATIONARY = _kernels.STATIONARY
 
 
 class TrackingParams(Constants):
@@ -77,54 +86,67 @@ class TrackingParams(Constants):
     stationary_max_s: float = constant(600.0, "A stationary object becomes background after this many seconds.", ge=0)
 
 
-class Tracks(NamedTuple):
+def column(first: int, width: int = 0) -> Any:
+    """A column of the rows of tracks, or several."""
+    at: Any = slice(first, first + width) if width else first
+    return property(lambda tracks: tracks.rows[:, at])
+
+
+class TrackTable(NamedTuple):
+    """The fields of `Tracks`."""
+
+    rows: Any
+    path: Any
+
+
+class Tracks(TrackTable):
     """N tracks; arrays in a call, tensors between calls.
 
     Attributes:
-        number: in the order in which they began, `[N]` int64.
-        status: a `Status`, `[N]` int64.
-        began, seen: time of the first and of the latest detection, `[N]` float64.
-        place: column and row at the latest detection, `[N, 2]`, and velocity a second, `[N, 2]`.
-        extent: followed width and height, `[N, 2]`.
-        start: place at which it began, `[N, 2]`; travel: largest distance from it in sizes, `[N]`.
-        anchor: place to which it last moved on, `[N, 2]`; anchored: time of that, `[N]`.
-        count: detections, `[N]`; contrast: their mean contrast in deviations of the noise, `[N]`.
-        alone: detections in blobs of their own, `[N]`.
-        area: of the latest detection, squared heights, `[N]`; color: followed color, `[N, 3]`.
-        inputs, outputs: of the network, sums over the rows of the path, `[N, 10]`.
+        rows: all that is known of each track, in the columns below, `[N, 43]` float64.
         path: what was reported of all of them, in the order of time, `[P, 9]`: number, time, status, column, row, left,
             top, right and bottom.
+        number: in the order in which they began; status: a `Status`.
+        began, seen: time of the first and of the latest detection.
+        place: column and row at the latest detection, and velocity a second.
+        extent: followed width and height.
+        start: place at which it began; travel: largest distance from it in sizes.
+        anchor: place to which it last moved on; anchored: time of that.
+        detections: their number; alone: those in blobs of their own; contrast: mean, in deviations of the noise.
+        area: of the latest detection, squared heights; color: followed color.
+        inputs, outputs: of the network, sums over the rows of the path, `[N, 10]`.
     """
 
-    number: Any
-    status: Any
-    began: Any
-    seen: Any
-    place: Any
-    velocity: Any
-    extent: Any
-    start: Any
-    travel: Any
-    anchor: Any
-    anchored: Any
-    count: Any
-    contrast: Any
-    area: Any
-    color: Any
-    alone: Any
-    inputs: Any
-    outputs: Any
-    path: Any
+    __slots__ = ()
+
+    number = column(_kernels.NUMBER)
+    status = column(_kernels.STATUS)
+    began = column(_kernels.BEGAN)
+    seen = column(_kernels.SEEN)
+    place = column(_kernels.PLACE, 2)
+    velocity = column(_kernels.VELOCITY, 2)
+    extent = column(_kernels.EXTENT, 2)
+    start = column(_kernels.START, 2)
+    travel = column(_kernels.TRAVEL)
+    anchor = column(_kernels.ANCHOR, 2)
+    anchored = column(_kernels.ANCHORED)
+    detections = column(_kernels.DETECTIONS)
+    alone = column(_kernels.ALONE)
+    contrast = column(_kernels.CONTRAST)
+    area = column(_kernels.AREA)
+    color = column(_kernels.COLOR, 3)
+    inputs = column(_kernels.NETWORK, 10)
+    outputs = column(_kernels.NETWORK + 10, 10)
 
     def take(self, which: Any) -> Tracks:
         """Some of the tracks, with their paths."""
-        columns = [column[which] for column in self[:-1]]
-        return Tracks._make([*columns, self.path[np.isin(self.path[:, NUMBER], columns[0])]])
+        rows = self.rows[which]
+        return Tracks(rows, self.path[np.isin(self.path[:, NUMBER], rows[:, _kernels.NUMBER])])
 
     @property
     def size(self) -> Numbers:
         """Mean of width and height, `[N]`."""
-        return np.asarray(self.extent[:, 0] + self.extent[:, 1]) / 2
+        return np.asarray((self.extent[:, 0] + self.extent[:, 1]) / 2)
 
     @property
     def confirmed(self) -> Bools:
@@ -133,33 +155,31 @@ class Tracks(NamedTuple):
 
 
 class Blobs(NamedTuple):
-    """K blobs.
+    """K blobs of a frame; lengths are fractions of the height. One without pixels has no area.
 
     Attributes:
         labels: number of the blob at every pixel from 1, 0 for none, `[h, w]` int32.
-        place: column and row of the pixel of the blob next to its centroid, and middle: of its box, `[K, 2]`.
         box: left, top, right, bottom, `[K, 4]`.
-        area: `[K]`; color: `[K, 3]`; contrast: in deviations of the noise, `[K]`.
+        place: column and row of the centroid or of the pixel of the blob next to it, `[K, 2]`.
+        looks: area, contrast in deviations of the noise, and color, `[K, 5]`.
         shared: whether it is a part of a blob of several tracks, `[K]`.
     """
 
     labels: Labels
-    place: Numbers
-    middle: Numbers
     box: Numbers
-    area: Numbers
-    color: Numbers
-    contrast: Numbers
+    place: Numbers
+    looks: Numbers
     shared: Bools
 
+    @property
+    def area(self) -> Numbers:
+        """Squared heights, `[K]`."""
+        return self.looks[:, 0]
 
-@cache
+
 def no_tracks() -> Tracks:
     """An empty table."""
-    kinds = {"number": np.int64, "status": np.int64}
-    widths = {"place": 2, "velocity": 2, "extent": 2, "start": 2, "anchor": 2, "color": 3, "inputs": 10, "outputs": 10}
-    shapes = {name: (0, widths[name]) if name in widths else (0,) for name in Tracks._fields} | {"path": (0, ROW)}
-    return Tracks(*(np.zeros(shapes[name], kinds.get(name, np.float64)) for name in Tracks._fields))
+    return Tracks(np.zeros((0, _kernels.TRACK_COLUMNS)), np.zeros((0, ROW)))
 
 
 def joined(*tables: Tracks) -> Tracks:
@@ -181,13 +201,23 @@ def update(
     Returns:
         Tracks that go on, tracks that ended, and the number of the track of every pixel plus one, `[h, w]`.
     """
+    tracks = Tracks(tracks.rows.copy(), tracks.path)
     expected = tracks.place + tracks.velocity * np.minimum(time - tracks.seen, MAX_PREDICTION_S)[:, None]
     blobs = detect(seen, tracks, expected, p)
     i, j = assign(tracks, expected, blobs, time, p)
-    tracks = measure(tracks, expected, blobs, i, j, time)
-    tracks, number = begin(tracks, count, blobs, i, j, time)
-    tracks = confirm(tracks, time, seen_for, p)
-    tracks = report(tracks, blobs, number, time)
+    paces = TAU_VELOCITY_S, TAU_SIZE_S, SHARED_GAIN
+    measure_tracks(tracks.rows, expected, blobs.box, blobs.looks, blobs.shared, i, j, time, paces)
+    number = np.full(len(blobs.area), -1.0)
+    number[j] = tracks.number[i]
+    tracks, j = begin(tracks, count, blobs, number, j, time)
+    travel, age = (p.min_travel_sizes, MIN_TRAVEL), (p.min_contrast_sigma, p.min_track_s)
+    confirm_tracks(tracks.rows, time, seen_for >= STARTING_S, (*travel, *age, p.stationary_after_s, MOVED_SIZES))
+    if len(j):
+        # What was measured, and after the old tracks the new ones: their rows.
+        now = tracks.rows[np.concatenate([i, np.arange(len(tracks.rows) - len(j) + len(i), len(tracks.rows))])]
+        head = now[:, [_kernels.NUMBER, _kernels.SEEN, _kernels.STATUS]]
+        rows = np.concatenate([head, blobs.place[j], blobs.box[j]], 1)
+        tracks = Tracks(tracks.rows, np.concatenate([tracks.path, rows]))
     labels = with_values(np.concatenate([[0], number + 1]).astype(np.int32), blobs.labels)
     missing, patience = time - tracks.seen, np.where(tracks.confirmed, p.max_lost_s, p.min_track_s)
     lost = missing > np.maximum(patience, 1.5 * dt)
@@ -204,67 +234,44 @@ def detect(seen: Segmentation, tracks: Tracks, expected: Numbers, p: TrackingPar
     """
     import cv2
 
-    height = len(seen.mask)
+    height, least = len(seen.mask), p.min_area_ratio * seen.mask.size
     side = 2 * round(CLOSING * height / 2) + 1
     mask = cv2.morphologyEx(seen.mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
-    areas = stats[:, cv2.CC_STAT_AREA].copy()
-    areas[0] = 0
-    small = areas < p.min_area_ratio * mask.size
-    known = np.flatnonzero(tracks.confirmed)
-    inside = np.zeros((len(known), count), np.int64)
-    boxes = np.concatenate([expected - tracks.extent / 2, expected + tracks.extent / 2], 1)[known] * height
-    for k, (left, top, right, bottom) in enumerate(boxes.round().astype(int).clip(0).tolist()):
-        inside[k] = np.bincount(labels[top:bottom, left:right].ravel(), minlength=count)
-    inside[:, 0] = 0
-    best = inside.argmax(1) if count > 1 else np.zeros(len(known), np.int64)
-    claim = np.minimum((tracks.extent[known] * height).prod(1), areas[best]) * CLAIM
-    claims = (inside[np.arange(len(known)), best] > claim) & (best > 0)
+    count, found = cv2.connectedComponents(mask)
+    components, known = np.asarray(found, np.int32), np.flatnonzero(tracks.confirmed)
+    extent, middle = tracks.extent[known] * height, expected[known] * height
+    boxes = np.concatenate([middle - extent / 2, middle + extent / 2], 1)
+    inside, areas = np.zeros((len(known), count)), np.zeros((1, count))
+    count_inside(components, boxes, inside)
+    count_inside(components, np.array([[0.0, 0.0, mask.shape[1], height]]), areas)
+    areas = areas[0]
+    # Of several fragments of one area the first.
+    best = inside.argmax(1)
+    claims = (inside.max(1) > CLAIM * np.minimum(extent.prod(1), areas[best])) & (best > 0)
     owner, claimed = np.arange(count), np.bincount(best[claims], minlength=count)
     for k in np.flatnonzero(claims).tolist():
         part = (inside[k] > INSIDE * areas) & (claimed == 0) & (FRAGMENT_AREA * areas < areas[best[k]])
         owner[part] = best[k]
-    small &= owner == np.arange(count)
-    owner[small] = 0
-    names = np.unique(owner)
-    if len(names) < count:
-        labels = with_values(np.searchsorted(names, owner).astype(np.int32), labels)
-    shared = np.zeros(len(names) - (names[0] == 0), bool) if len(names) else np.zeros(0, bool)
+    owner[(areas < least) & (owner == np.arange(count))] = 0
+    names, table = np.unique(np.append(owner, 0), return_inverse=True)
+    # Rows of those who share: blob that is divided, its part, expected position and size in pixels.
+    shares, blobs = np.zeros((0, 6)), len(names) - 1
     for r in np.flatnonzero(claimed > 1).tolist():
-        ones = known[claims & (best == r)]
-        alone = tracks.alone[ones]
-        ones = ones[(tracks.count[ones] - alone <= MAX_SHARED * alone) | (np.arange(len(ones)) == alone.argmax())]
-        if len(ones) < 2:
-            continue
-        rows, columns = np.nonzero(labels == np.searchsorted(names, r))
-        at = (np.stack([columns, rows], 1) + 0.5) / height
-        away = np.stack([(((at - expected[k]) / tracks.extent[k]) ** 2).sum(1) for k in ones])
-        part = away.argmin(0)
-        number = np.concatenate([[np.searchsorted(names, r)], len(shared) + 1 + np.arange(len(ones) - 1)])
-        labels[rows, columns] = number[part]
-        shared = np.concatenate([shared, np.ones(len(ones) - 1, bool)])
-        shared[number[0] - 1] = True
-    return describe(np.asarray(labels, np.int32), shared, seen)
-
-
-def describe(labels: Labels, shared: Bools, seen: Segmentation) -> Blobs:
-    """Measurements of labelled blobs; blobs without pixels are left out."""
-    height, sums = labels.shape[0], np.empty((len(shared), 11))
+        ones = np.flatnonzero(claims & (best == r))
+        alone, together = tracks.alone[known[ones]], (tracks.detections - tracks.alone)[known[ones]]
+        ones = ones[(together <= MAX_SHARED * alone) | (np.arange(len(ones)) == alone.argmax())]
+        if len(ones) > 1:
+            parts = np.append(table[r], blobs + 1 + np.arange(len(ones) - 1))
+            blobs += len(ones) - 1
+            new = np.column_stack([np.full(len(ones), table[r]), parts, middle[ones], extent[ones]])
+            shares = np.concatenate([shares, new])
+    labels, sums = np.empty(mask.shape, np.int32), np.empty((blobs, 12))
+    name_blobs(components, table.astype(np.int32), shares, labels)
     sum_blobs(labels, seen.image, seen.distance, seen.sigma, sums)
-    present = sums[:, 0] > 0
-    if not present.all():
-        labels = with_values(np.concatenate([[0], present.cumsum() * present]).astype(np.int32), labels)
-        sums, shared = sums[present], shared[present]
-    area, box = sums[:, 0], sums[:, 1:5] / height
-    means = sums[:, 5:] / area[:, None]
-    center = means[:, :2].copy()
-    for k, (x, y) in enumerate(center.tolist()):
-        if labels[round(y), round(x)] != k + 1:
-            rows, columns = np.nonzero(labels == k + 1)
-            nearest = np.argmin((columns - x) ** 2 + (rows - y) ** 2)
-            center[k] = columns[nearest], rows[nearest]
-    middle = (box[:, :2] + box[:, 2:]) / 2
-    return Blobs(labels, (center + 0.5) / height, middle, box, area / height**2, means[:, 2:5], means[:, 5], shared)
+    shared = np.zeros(blobs, bool)
+    shared[shares[:, 1].astype(int) - 1] = True
+    sums[:, 0] /= height**2
+    return Blobs(labels, sums[:, 1:5] / height, (sums[:, 5:7] + 0.5) / height, sums[:, [0, 10, 7, 8, 9]], shared)
 
 
 def with_values(table: npt.NDArray[Any], labels: Any) -> npt.NDArray[Any]:
@@ -278,124 +285,43 @@ def assign(tracks: Tracks, expected: Numbers, blobs: Blobs, time: float, p: Trac
     """Pairs of tracks and blobs of the smallest cost: distance in gates. Overlapping pairs always may meet."""
     from scipy.optimize import linear_sum_assignment
 
+    if not (len(tracks.rows) and len(blobs.area)):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     gate = p.gate_sizes * tracks.size * (1 + GATE_GROWTH * (time - tracks.seen))
-    away = np.linalg.norm(expected[:, None] - blobs.middle[None], axis=-1)
-    cost = away / np.maximum(gate, 1e-9)[:, None]
-    ratio = np.abs(np.log(tracks.area[:, None] / blobs.area[None]))
-    cost[ratio > np.log(MAX_AREA_RATIO)] = np.inf
-    half = tracks.extent / 2
-    low = np.maximum((expected - half)[:, None], blobs.box[None, :, :2])
-    common = (np.minimum((expected + half)[:, None], blobs.box[None, :, 2:]) - low).clip(0).prod(-1)
-    smaller = np.minimum(tracks.extent.prod(1)[:, None], (blobs.box[:, 2:] - blobs.box[:, :2]).prod(1)[None])
-    overlap = common / np.maximum(smaller, 1e-12)
-    cost = np.where(overlap > CLAIM, np.minimum(cost, 1 - overlap / 2), cost)
+    cost = np.empty((len(gate), len(blobs.area)))
+    fill_costs(expected, tracks.extent, gate, tracks.area, blobs.box, blobs.area, (MAX_AREA_RATIO, CLAIM), cost)
     cost = np.where(cost < 1, cost - 0.01 * tracks.confirmed[:, None], 1.0)
     i, j = linear_sum_assignment(cost)
     good = cost[i, j] < 1
     return i[good], j[good]
 
 
-def measure(tracks: Tracks, expected: Numbers, blobs: Blobs, i: Whole, j: Whole, time: float) -> Tracks:
-    """Take the assigned blobs into their tracks. Of a shared blob the size is remembered, not measured."""
-    place, velocity, extent, color = (tracks[k].copy() for k in (4, 5, 6, 14))
-    gap, shared = time - tracks.seen[i], blobs.shared[j]
-    measured = np.where(shared[:, None], expected[i] + SHARED_GAIN * (blobs.middle[j] - expected[i]), blobs.middle[j])
-    # Of a young track the velocity is the mean of all steps so far.
-    pace = np.maximum(gap / (TAU_VELOCITY_S + gap), 1 / np.maximum(tracks.count[i], 1))
-    velocity[i] += (pace / gap)[:, None] * (measured - expected[i])
-    place[i] = measured
-    keep = np.where(shared, 0.0, gap / (TAU_SIZE_S + gap))[:, None]
-    extent[i] += keep * (blobs.box[j, 2:] - blobs.box[j, :2] - extent[i])
-    color[i] += keep * (blobs.color[j] - color[i])
-    seen, area, count, contrast = (tracks[k].copy() for k in (3, 13, 11, 12))
-    seen[i], area[i] = time, np.where(shared, area[i], blobs.area[j])
-    contrast[i] += (blobs.contrast[j] - contrast[i]) / (count[i] + 1)
-    count[i] += 1
-    alone = tracks.alone.copy()
-    alone[i] += ~shared
-    size = extent.mean(1)
-    travel = np.maximum(tracks.travel, np.hypot(*(place - tracks.start).T) / size)
-    moved = np.hypot(*(place - tracks.anchor).T) > MOVED_SIZES * size
-    status = tracks.status.copy()
-    status[i] = np.where(tracks.confirmed[i], np.where(shared, Status.PREDICTED, Status.MEASURED), Status.TENTATIVE)
-    return tracks._replace(
-        status=status,
-        seen=seen,
-        place=place,
-        velocity=velocity,
-        extent=extent,
-        travel=travel,
-        anchor=np.where(moved[:, None], place, tracks.anchor),
-        anchored=np.where(moved, time, tracks.anchored),
-        count=count,
-        contrast=contrast,
-        area=area,
-        color=color,
-        alone=alone,
-    )
-
-
-def begin(tracks: Tracks, count: int, blobs: Blobs, i: Whole, j: Whole, time: float) -> tuple[Tracks, Whole]:
+def begin(tracks: Tracks, count: int, blobs: Blobs, number: Numbers, j: Whole, time: float) -> tuple[Tracks, Whole]:
     """Begin a track for every blob that is left and no fragment of a larger one beside it.
 
+    Args:
+        number: of the track of each blob, -1 for none; is completed.
+        j: blobs of tracks.
+
     Returns:
-        The tracks, and the number of the track of each blob, -1 for none.
+        The tracks, and blobs of tracks, those of the new ones last.
     """
-    number = np.full(len(blobs.area), -1, np.int64)
-    number[j] = tracks.number[i]
-    if (number >= 0).all():
-        return tracks, number
+    if len(j) == len(number):
+        return tracks, j
     low, high = blobs.box[:, :2], blobs.box[:, 2:]
-    reach = ((high - low).mean(1) / 2)[None]
-    gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(-1)
-    beside = (gap < reach) & (FRAGMENT_AREA * blobs.area[:, None] < blobs.area[None])
+    reach = (high - low).mean(1) / 2
+    gap = np.maximum(low[:, None] - high, low - high[:, None]).max(-1)
+    beside = (gap < reach) & (FRAGMENT_AREA * blobs.area[:, None] < blobs.area)
     (new,) = np.nonzero((number < 0) & ~beside.any(1) & ~blobs.shared)
     number[new] = count + np.arange(len(new))
-    n, place, zero = len(new), blobs.middle[new], np.zeros(len(new))
-    extent = blobs.box[new, 2:] - blobs.box[new, :2]
-    fresh = no_tracks()._replace(
-        number=number[new],
-        status=np.zeros(n, np.int64),
-        began=zero + time,
-        seen=zero + time,
-        place=place,
-        velocity=np.zeros((n, 2)),
-        extent=extent,
-        start=place,
-        travel=zero,
-        anchor=place,
-        anchored=zero + time,
-        count=zero + 1,
-        contrast=blobs.contrast[new],
-        area=blobs.area[new],
-        color=blobs.color[new],
-        alone=zero + 1,
-        inputs=np.zeros((n, 10)),
-        outputs=np.zeros((n, 10)),
-    )
-    return joined(tracks, fresh), number
-
-
-def confirm(tracks: Tracks, time: float, seen_for: float, p: TrackingParams) -> Tracks:
-    """A tentative track is confirmed by age, travel and contrast; an object that does not move on is stationary."""
-    net = np.hypot(*(tracks.place - tracks.start).T)
-    enough = np.maximum(p.min_travel_sizes * tracks.size, MIN_TRAVEL) if p.min_travel_sizes else 0.0
-    proven = (net >= enough) & (tracks.contrast >= p.min_contrast_sigma) & (time - tracks.began >= p.min_track_s)
-    new = proven & (tracks.seen == time) & ~tracks.confirmed & (seen_for >= STARTING_S)
-    status = np.where(new, Status.MEASURED, tracks.status)
-    still = tracks.confirmed & (status != Status.PREDICTED) & (time - tracks.anchored >= p.stationary_after_s)
-    return tracks._replace(status=np.where(still, Status.STATIONARY, status))
-
-
-def report(tracks: Tracks, blobs: Blobs, number: Whole, time: float) -> Tracks:
-    """Add a row to the paths for every track of this frame: what was measured, its part of a shared blob."""
-    (k,) = np.nonzero(tracks.seen == time)
-    if not len(k):
-        return tracks
-    order = np.argsort(number)
-    j = order[np.searchsorted(number[order], tracks.number[k])]
-    head = np.stack([tracks.number[k], np.full(len(k), time), tracks.status[k]], 1)
-    return tracks._replace(path=np.concatenate([tracks.path, np.concatenate([head, blobs.place[j], blobs.box[j]], 1)]))
+    tracks = Tracks(np.concatenate([tracks.rows, np.zeros((len(new), _kernels.TRACK_COLUMNS))]), tracks.path)
+    fresh = Tracks(tracks.rows[len(tracks.rows) - len(new) :], tracks.path)
+    fresh.number[...], fresh.began[...], fresh.seen[...], fresh.anchored[...] = number[new], time, time, time
+    fresh.place[...] = fresh.start[...] = fresh.anchor[...] = (low + high)[new] / 2
+    fresh.extent[...] = (high - low)[new]
+    fresh.detections[...] = fresh.alone[...] = 1
+    fresh.area[...], fresh.contrast[...], fresh.color[...] = blobs.area[new], blobs.looks[new, 1], blobs.looks[new, 2:]
+    return tracks, np.concatenate([j, new])
 
 
 def kept_from_background(tracks: Tracks, labels: Labels, time: float, p: TrackingParams) -> Bytes:
@@ -409,7 +335,7 @@ def kept_from_background(tracks: Tracks, labels: Labels, time: float, p: Trackin
 def flags(tracks: Tracks, which: Bools) -> Bytes:
     """1 for the labels of some of the tracks, 0 for others, up to the largest."""
     table = np.zeros(int(tracks.number.max(initial=-1)) + 2, np.uint8)
-    table[tracks.number[which] + 1] = 1
+    table[tracks.number[which].astype(np.int64) + 1] = 1
     return table
 
 
@@ -426,7 +352,7 @@ def replace_ghosts(
     static = np.empty_like(seen.mask)
     if mark_static(seen.mask, s.static_time, s.known, labels, moving, after, static) < p.min_area_ratio * static.size:
         return
-    count, parts, stats, _ = cv2.connectedComponentsWithStats(static)
+    count, parts, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(static, 8, cv2.CV_32S, cv2.CCL_GRANA)
     for r in range(1, count):
         left, top, width, height, area = stats[r].tolist()
         if area < p.min_area_ratio * static.size:

@@ -20,6 +20,7 @@ from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import ModelConfig, Size, constant
 from ndtorch.errors import InputError
+from ndtorch.foreground._kernels import NETWORK
 from ndtorch.foreground.background import (
     BackgroundParams,
     BackgroundState,
@@ -54,6 +55,8 @@ from ndtorch.vision.masked_features import FeatureState, MaskedFeatures, Measure
 
 MEMORY_S, FLOOR = 20.0, 0.02
 """Signals are divided by the largest of their group in so many seconds, and by at least this compressed contrast."""
+NETWORK_S = 0.15
+"""The weights of the network change after so many seconds."""
 MIN_FLUCTUATION = 0.05
 """Fluctuations of the signals below this change nothing in the network."""
 
@@ -121,6 +124,17 @@ class ForegroundState(NamedTuple):
     time: Tensor
 
 
+class Step(NamedTuple):
+    """One time step: measured features, None where a new scene begins, labels, numbers of the objects that were seen,
+    and tracks that ended."""
+
+    time: float
+    measured: Measured | None
+    labels: Any
+    reported: Any
+    ended: Tracks
+
+
 def as_tensors(tree: Any) -> Any:
     """A nested tuple of arrays as one of tensors."""
     if isinstance(tree, tuple):
@@ -169,7 +183,7 @@ class ForegroundModel(BindingModel):
         self.normalise = FieldInputs(self.dt, MEMORY_S, FLOOR)
         rule = self.rule = ScaleFreeRule(gamma=0.2 if c.learn else 0.0)
         self.network = InhibitoryNetwork.scale_free(
-            10, self.dt, rule, shared=True, settle=self.settle, every=0.0, faint=MIN_FLUCTUATION
+            10, self.dt, rule, shared=True, settle=self.settle, every=NETWORK_S, faint=MIN_FLUCTUATION
         )
 
     @classmethod
@@ -192,8 +206,7 @@ class ForegroundModel(BindingModel):
         state = self._start() if state is None else state
         scene, closed = None if state.scene is None else as_arrays(state.scene), list[Tracks]()
         waiting, counted, time = state.waiting, int(state.frames), float(state.time)
-        measured, labels, masks = list[Measured | None](), list[Any](), list[Any]()
-        times, cuts, reported = list[float](), list[bool](), list[Tracks]()
+        steps, masks = list[Step](), list[Any]()
         for k, frame in enumerate(frames):
             image = downscale(frame, self.small)
             if self.group > 1:
@@ -203,39 +216,37 @@ class ForegroundModel(BindingModel):
                 image, waiting = (waiting / self.group).numpy(), torch.zeros_like(waiting)
             time = (counted + k) / self.fps
             scene = self._begin(image, 0) if scene is None else scene
-            scene, ended, step, label, cut = self._step(image, scene, time)
-            closed.append(ended)
-            measured.append(step)
-            labels.append(label)
-            masks.append(with_values(flags(scene.tracks, scene.tracks.confirmed), label))
-            times.append(time)
-            cuts.append(cut)
-            reported.append(scene.tracks)
+            scene, step = self._step(image, scene, time)
+            steps.append(step)
+            masks.append(with_values(flags(scene.tracks, scene.tracks.confirmed), step.labels))
+            if len(step.ended.path):
+                closed.append(step.ended)
         inputs = outputs = torch.zeros(0, self.features.params.max_objects, 10)
-        level, network = state.level, state.network
-        if times:
-            inputs, level = self.normalise(self.features.signals(measured, labels), level)
+        level, network, labels = state.level, state.network, [step.labels for step in steps]
+        if scene is not None and steps:
+            signals = self.features.signals([step.measured for step in steps], labels)
+            inputs, level = self.normalise(signals, level)
             outputs, network = self.network(inputs, network)
-            self._bind(reported, closed, times, inputs, outputs)
+            self._bind([scene.tracks, *closed], steps, inputs, outputs)
         if scene is not None and len(scene.tracks.path) > MAX_PATH:
-            early = scene.tracks.path[:, TIME] < scene.tracks.path[-MAX_PATH // 2, TIME]
-            part = scene.tracks.take(scene.tracks.confirmed)
-            closed.append(part._replace(path=part.path[part.path[:, TIME] < scene.tracks.path[-MAX_PATH // 2, TIME]]))
-            scene = scene._replace(tracks=scene.tracks._replace(path=scene.tracks.path[~early]))
-        kept = [table for table in closed if len(table.path)]
+            path = scene.tracks.path
+            early, part = path[:, TIME] < path[-MAX_PATH // 2, TIME], scene.tracks.take(scene.tracks.confirmed)
+            closed.append(part._replace(path=part.path[part.path[:, TIME] < path[-MAX_PATH // 2, TIME]]))
+            scene = scene._replace(tracks=scene.tracks._replace(path=path[~early]))
         after = ForegroundState(
             as_tensors(scene),
             waiting,
             state.frames + len(frames),
             level,
             network,
-            as_tensors(joined(as_arrays(state.closed), *kept)) if kept else state.closed,
+            as_tensors(joined(as_arrays(state.closed), *closed)) if closed else state.closed,
             torch.tensor(time, dtype=torch.float64),
         )
         none = np.zeros((0, *self.small), np.int32)
         numbers = torch.from_numpy(np.stack(labels) if labels else none)
         mask = torch.from_numpy(np.stack(masks)) if masks else numbers.to(torch.uint8)
-        at, cut_at = torch.tensor(times, dtype=torch.float64), torch.tensor(cuts, dtype=torch.bool)
+        at = torch.tensor([step.time for step in steps], dtype=torch.float64)
+        cut_at = torch.tensor([step.measured is None for step in steps], dtype=torch.bool)
         return ForegroundSignals(inputs, outputs, numbers, mask, at, cut_at), after
 
     def _start(self) -> ForegroundState:
@@ -251,38 +262,32 @@ class ForegroundModel(BindingModel):
         features = self.features.start(image, background.mean, np.zeros(self.small, np.int32))
         return SceneState(background, no_tracks(), np.array(count, np.int64), features)
 
-    def _step(
-        self, image: Any, scene: SceneState, time: float
-    ) -> tuple[SceneState, Tracks, Measured | None, Any, bool]:
-        """One image `[3, h, w]`: scene, tracks that ended, measured features, labels, and whether a scene began."""
+    def _step(self, image: Any, scene: SceneState, time: float) -> tuple[SceneState, Step]:
+        """One image `[3, h, w]`."""
         c, background = self.config, scene.background
         seen = segment(image, background, self.dt, c.background)
         if seen.cut:
-            ended = scene.tracks.take(scene.tracks.confirmed)
-            return self._begin(image, int(scene.count)), ended, None, np.zeros(self.small, np.int32), True
+            ended, none = scene.tracks.take(scene.tracks.confirmed), np.zeros(0, np.int64)
+            begun = self._begin(image, int(scene.count))
+            return begun, Step(time, None, np.zeros(self.small, np.int32), none, ended)
         seen_for = float(background.frames) * self.dt
         tracks, ended, labels = update(scene.tracks, int(scene.count), seen, time, seen_for, self.dt, c.tracking)
-        count = int(tracks.number.max(initial=int(scene.count) - 1)) + 1
+        count = max(int(scene.count), int(tracks.number.max(initial=-1)) + 1)
         measured = self.features.measure(seen.image, background.mean, labels, scene.features)
         kept = kept_from_background(tracks, labels, time, c.tracking)
         learn(seen, kept, background, self.dt, c.background)
         replace_ghosts(tracks, labels, seen, background, c.background.static_after_s, c.tracking)
-        return SceneState(background, tracks, np.array(count, np.int64), scene.features), ended, measured, labels, False
+        reported = tracks.number[tracks.confirmed & (tracks.seen == time)].astype(np.int64)
+        after = SceneState(background, tracks, np.array(count, np.int64), scene.features)
+        return after, Step(time, measured, labels, reported, ended)
 
-    def _bind(
-        self, steps: list[Tracks], closed: list[Tracks], times: list[float], inputs: Tensor, outputs: Tensor
-    ) -> None:
+    def _bind(self, tables: list[Tracks], steps: list[Step], inputs: Tensor, outputs: Tensor) -> None:
         """Add what the network took and gave to the objects that were reported at each step."""
-        sums: dict[int, Any] = {}
         both = torch.cat([inputs, outputs], -1).double().numpy()
-        for k, (tracks, time) in enumerate(zip(steps, times, strict=True)):
-            for number in tracks.number[tracks.confirmed & (tracks.seen == time)].tolist():
-                sums[number] = sums.get(number, 0) + both[k, number % self.features.params.max_objects]
-        for table in (*steps[-1:], *closed):
-            for row, number in enumerate(table.number.tolist()):
-                if number in sums:
-                    table.inputs[row] += sums[number][:10]
-                    table.outputs[row] += sums[number][10:]
+        row = {number: own for table in tables for number, own in zip(table.number.tolist(), table.rows, strict=True)}
+        for step, values in zip(steps, both, strict=True):
+            for number in step.reported.tolist():
+                row[number][NETWORK:] += values[number % self.features.params.max_objects]
 
     def objects_batch(self, state: Any) -> Nested:
         """The objects so far, in the order in which they appeared, without those that `take_closed` took."""
