@@ -53,6 +53,8 @@ class Run:
         from ndtorch_robot.run import open_car, real_time_priority, timed_report
         from ndtorch_robot.run_config import read_run_config
 
+        if self.seconds is not None and not self.seconds > 0:
+            raise InputError(f"--seconds must be positive, got {self.seconds}")
         config = read_run_config(self.config)
         if self.save_map is not None and not config.navigation.map_half_size_m:
             raise InputError("--save-map needs a map: set map_half_size_m in [navigation], in m from the start")
