@@ -47,8 +47,7 @@ class BoundObject:
         path: time, column and row of every sighting, where they are kept.
         shade: "white", "grey" or "black" of what has no hue; None of what has one, or where it is unknown.
         boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
-        confidence: 0 to 1; None of models that do not say. Of features: probability that an object of these is in view;
-            of tracks: their rank by `ndtorch.foreground.tracker.confidence`.
+        confidence: probability that an object of these features is in view; None of models that do not say.
         states: of every sighting: "tentative" (not yet known to be an object), "measured", "predicted" (in a shared
             blob) or "stationary"; empty of models without.
     """

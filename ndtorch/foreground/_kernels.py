@@ -12,8 +12,8 @@ from ndtorch.utils.jit import jit
 Array = Any
 """An array in a compiled function."""
 
-NUMBER, STATUS, BEGAN, SEEN, PLACE, VELOCITY, EXTENT, START, TRAVEL, ANCHOR = 0, 1, 2, 3, 4, 6, 8, 10, 12, 13
-ANCHORED, DETECTIONS, ALONE, CONTRAST, AREA, COLOR, NETWORK, TRACK_COLUMNS = 15, 16, 17, 18, 19, 20, 23, 43
+NUMBER, STATUS, BEGAN, SEEN, PLACE, VELOCITY, EXTENT, START, ANCHOR = 0, 1, 2, 3, 4, 6, 8, 10, 12
+ANCHORED, DETECTIONS, ALONE, CONTRAST, AREA, COLOR, NETWORK, TRACK_COLUMNS = 14, 15, 16, 17, 18, 19, 22, 42
 """First columns of what is known of a track, see `ndtorch.foreground.tracker.Tracks`."""
 TENTATIVE, MEASURED, PREDICTED, STATIONARY = range(4)
 """Statuses of tracks."""
@@ -351,7 +351,6 @@ def confirm_tracks(
         own = rows[n]
         size = (own[EXTENT] + own[EXTENT + 1]) / 2
         net = sqrt((own[PLACE] - own[START]) ** 2 + (own[PLACE + 1] - own[START + 1]) ** 2)
-        own[TRAVEL] = max(own[TRAVEL], net / size)
         if sqrt((own[PLACE] - own[ANCHOR]) ** 2 + (own[PLACE + 1] - own[ANCHOR + 1]) ** 2) > limits[5] * size:
             own[ANCHOR], own[ANCHOR + 1], own[ANCHORED] = own[PLACE], own[PLACE + 1], time
         enough = max(limits[0] * size, limits[1]) if limits[0] > 0 else 0.0

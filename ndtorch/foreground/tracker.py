@@ -53,8 +53,6 @@ TENTATIVE_S, STARTING_S = 1.0, 1.0
 """Tentative tracks become background after this many seconds; none is confirmed within so many seconds of a scene."""
 MAX_PATH = 1024
 """Rows that all tracks together keep before the earlier ones are closed."""
-CONFIDENT_SIZES = 1.0
-"""Travel in sizes of a track of confidence one half."""
 
 NUMBER, TIME, STATUS, PLACE, BOX, ROW = 0, 1, 2, slice(3, 5), slice(5, 9), 9
 """Columns of a path: number of the track, time, status, column and row, left, top, right and bottom."""
@@ -103,14 +101,14 @@ class Tracks(TrackTable):
     """N tracks; arrays in a call, tensors between calls.
 
     Attributes:
-        rows: all that is known of each track, in the columns below, `[N, 43]` float64.
+        rows: all that is known of each track, in the columns below, `[N, 42]` float64.
         path: what was reported of all of them, in the order of time, `[P, 9]`: number, time, status, column, row, left,
             top, right and bottom.
         number: in the order in which they began; status: a `Status`.
         began, seen: time of the first and of the latest detection.
         place: column and row at the latest detection, and velocity a second.
         extent: followed width and height.
-        start: place at which it began; travel: largest distance from it in sizes.
+        start: place at which it began.
         anchor: place to which it last moved on; anchored: time of that.
         detections: their number; alone: those in blobs of their own; contrast: mean, in deviations of the noise.
         area: of the latest detection, squared heights; color: followed color.
@@ -127,7 +125,6 @@ class Tracks(TrackTable):
     velocity = column(_kernels.VELOCITY, 2)
     extent = column(_kernels.EXTENT, 2)
     start = column(_kernels.START, 2)
-    travel = column(_kernels.TRAVEL)
     anchor = column(_kernels.ANCHOR, 2)
     anchored = column(_kernels.ANCHORED)
     detections = column(_kernels.DETECTIONS)
@@ -364,8 +361,3 @@ def replace_ghosts(
             wide = cv2.dilate(region, SQUARE) > 0
             for new, old in zip(*window, strict=True):
                 old[wide] = new[wide]
-
-
-def confidence(tracks: Tracks) -> Numbers:
-    """Rank of tracks as objects, 0 to 1, by the distance they went in sizes; no probability, `[N]`."""
-    return np.asarray(tracks.travel / (tracks.travel + CONFIDENT_SIZES))

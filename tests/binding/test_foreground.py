@@ -143,6 +143,25 @@ def test_what_stops_stays_an_object_and_what_does_not_travel_is_none() -> None:
     assert len(model().objects(state)) == 2
 
 
+def test_a_thing_as_large_as_a_quarter_of_the_view_has_boxes_and_a_prefix_gives_the_same_rows() -> None:
+    frames = ground().repeat(60, 1, 1, 1)
+    for n in range(8, 60):
+        frames[n, :, 16:96, max(0, 6 * n - 120) : max(0, 6 * n - 50)] = torch.tensor([0.8, 0.2, 0.2])[:, None, None]
+    early, late = (model().objects(run(frames[:count])[1]) for count in (40, 60))
+    (thing,) = late
+    assert thing.last_seen == pytest.approx(59 / FPS, abs=0.3)
+    for (time, *_), (left, top, right, bottom) in zip(thing.path, thing.boxes, strict=True):
+        first = 6 * round(time * FPS) - 120
+        if time > 0.8:
+            true = torch.zeros(SIZE, dtype=torch.bool)
+            true[16:96, max(0, first) : first + 70] = True
+            inside = true[round(top) : round(bottom), round(left) : round(right)].sum()
+            assert inside / (true.sum() + (right - left) * (bottom - top) - inside) > 0.7
+    assert early[0].path == thing.path[: len(early[0].path)]
+    assert early[0].boxes == thing.boxes[: len(early[0].path)]
+    assert early[0].states == thing.states[: len(early[0].path)]
+
+
 def crossings(count: int) -> Iterator[Tensor]:
     """Two squares that cross, again and again, 40 frames each time."""
     once = squares(40, (-24, 7.0, 20, (0.85, 0.2, 0.2)), (200, -7.0, 60, (0.2, 0.75, 0.2)))

@@ -40,7 +40,6 @@ from ndtorch.foreground.tracker import (
     Status,
     TrackingParams,
     Tracks,
-    confidence,
     flags,
     joined,
     kept_from_background,
@@ -330,7 +329,7 @@ class ForegroundModel(BindingModel):
         """The objects of a table whose paths have rows, in the order of their numbers, in pixels of the frames."""
         down = self.size[0]
         scale = np.array([down * self.size[1] / (down * self.small[1] / self.small[0]), down])
-        sure, background = confidence(tracks), None if state.scene is None else state.scene.background.mean.numpy()
+        background = None if state.scene is None else state.scene.background.mean.numpy()
         found = []
         for number in np.unique(tracks.path[:, NUMBER]).astype(int).tolist():
             k = int(np.flatnonzero(tracks.number == number)[-1])
@@ -357,7 +356,6 @@ class ForegroundModel(BindingModel):
                     shade=shade,
                     boxes=tuple(map(tuple, boxes.tolist())),
                     states=tuple(Status(int(one)).name.lower() for one in path[:, STATUS]),
-                    confidence=round(float(sure[k]), 3),
                 )
             )
         return found
