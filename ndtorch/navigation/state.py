@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,7 +71,7 @@ def one_car(tree: Any, n: int, dims: int) -> Any:
     if isinstance(tree, Tensor):
         return tree.flatten(0, dims - 1)[n]
     if isinstance(tree, np.ndarray):
-        part = tree.reshape(-1, *tree.shape[dims:])[n]
+        part = tree.reshape(math.prod(tree.shape[:dims]), *tree.shape[dims:])[n]
         return part if part.ndim else part.item()
     return None if tree is None else made_like(tree, [one_car(part, n, dims) for part in tree])
 

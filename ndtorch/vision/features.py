@@ -94,11 +94,11 @@ class VisualFeatures(nn.Module):
         check_state(state, MotionState)
         frames = check_frames(frames, self.size, values=False, device=self.orientation.device)
         batch = frames.shape[:-4]
-        if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:
+        kernels = kernels_wanted(frames, *(state or ()), *self.parameters(), backend=self.backend)
+        if batch and (kernels or (frames.is_cpu and 2 * frames.shape[-1] * frames.shape[-2] > CPU_PIXELS)):
             return self._each(frames, state)
         kind = torch.float64 if frames.dtype == torch.float64 else torch.float32
-        alike = state is None or (state.slow.shape == self.size and state.slow.dtype == state.delayed.dtype == kind)
-        if not batch and alike and kernels_wanted(frames, *(state or ()), *self.parameters(), backend=self.backend):
+        if kernels and (state is None or (state.slow.shape == self.size and state.slow.dtype == kind)):
             return self._one_pass(frames, state, kind)
         check_values(frames)
         sums = []
@@ -169,7 +169,7 @@ class VisualFeatures(nn.Module):
         return out, after
 
     def _each(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
-        """One trial after the other: large frames of several trials together would leave the cache."""
+        """One trial after the other: so kernels take them, and large frames do not leave the cache."""
         batch = frames.shape[:-4]
         trials = frames.reshape(-1, *frames.shape[-4:])
         slow = delayed = None

@@ -109,7 +109,8 @@ class BindingModel(nn.Module, ABC):
         for one in state if self.one_by_one and type(state) in (tuple, list) else [state]:
             kinds = type(one), type(getattr(one, "second", None))
             if kinds[: len(self.state_types)] != tuple(self.state_types):
-                raise InputError(f"state must be a state of {self.name}, got {type(one).__name__} of something else")
+                wanted, given = self.state_types[0].__name__, type(one).__name__
+                raise InputError(f"state must be a {wanted} or None, one of the model {self.name}, got a {given}")
 
     @classmethod
     @abstractmethod
