@@ -1,18 +1,11 @@
-"""The step of an inhibitory network: feedback, learning, and whether it has converged."""
+"""State of an inhibitory network: feedback, what learning keeps, and whether it has converged."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
-
-from ndtorch.binding.rules import Rule
-from ndtorch.vision.blocks import BlockLowPass
-from ndtorch.vision.temporal import low_pass_step
 
 Feedback = Literal["delayed", "settled"]
 FEEDBACKS: tuple[Feedback, ...] = ("delayed", "settled")
@@ -84,29 +77,6 @@ class NetworkState(NamedTuple):
     steps: Tensor
 
 
-@dataclass(frozen=True)
-class Constants:
-    """What is fixed in a step; see `InhibitoryNetwork`.
-
-    Attributes:
-        every: time steps between changes of the weights.
-        output_low, mean_square: filters of the outputs and of the power of their fluctuations.
-        a_mean: share of the new weights that their running mean takes in.
-    """
-
-    rule: Rule | None
-    feedback: Feedback
-    shared: bool
-    dt: float
-    every: int
-    settle: float
-    faint: float
-    when_full: WhenFull
-    output_low: BlockLowPass
-    mean_square: BlockLowPass
-    a_mean: float
-
-
 class Moment(NamedTuple):
     """What depends on the time alone at a change of the weights.
 
@@ -119,105 +89,6 @@ class Moment(NamedTuple):
 
     factor: Tensor | None
     seen: Tensor | None
-
-
-def moments(clock: Tensor, like: Tensor, constants: Constants) -> Iterator[Moment]:
-    """Moments at readings of the learning's clock, `[K, ...]`, for signals like `[..., N]`; one for each of K."""
-    c, rule = constants, constants.rule
-    assert rule is not None
-    # Delayed: o(t + dt), which the rule sees at the time t.
-    lag = 1 if c.feedback == "delayed" and not c.faint else 0
-    seconds = (clock - lag) * c.dt - c.settle
-    ready = [True] * len(clock) if torch.compiler.is_compiling() or clock.ndim > 1 else (seconds > 0).tolist()
-    batch = like.ndim - (2 if c.shared else 1)
-    rates = rule.rate(seconds if clock.ndim > 1 else seconds.reshape(-1, *[1] * batch))
-    scale = (rates * (c.dt * c.every)).to(like.dtype)[..., None, None]
-    apart = 1 - torch.eye(like.shape[-1], dtype=like.dtype, device=like.device)
-    # Many networks with rates of their own: not all of their steps at once.
-    factors = (scale * apart).unbind(0) if scale.numel() == len(clock) else (part * apart for part in scale.unbind(0))
-    seen: list[Tensor | None] = [None] * len(clock)
-    if rule.uses_power:
-        keep = math.log1p(-c.mean_square.a) if c.mean_square.a < 1 else -math.inf
-        seen = list((-torch.expm1(keep * clock)).to(like.dtype).unsqueeze(-1).unbind(0))
-    for begun, factor, share in zip(ready, factors, seen, strict=True):
-        yield Moment(factor if begun else None, share)
-
-
-def network_step(
-    block: Tensor, state: NetworkState, constants: Constants, moment: Moment | None
-) -> tuple[Tensor, NetworkState, Tensor | None]:
-    """One step of the network, from one change of the weights to the next.
-
-    Args:
-        block: drive i', `[..., N]` for delayed feedback, a block `[..., E, N]` for settled; `[..., F, N]` and
-            `[..., E, F, N]` of fields.
-        state: before.
-        constants: of the network.
-        moment: None where the clock is in the state.
-
-    Returns:
-        outputs like `block`, the state after, and the summed magnitude of the change of the mean weights, `[...]`, None
-        if there was no change.
-    """
-    c, rule, weights = constants, constants.rule, state.weights
-    outputs, fluctuation, clock = state.outputs, state.fluctuation, state.clock
-    if c.feedback == "delayed":
-        out = outputs = block - outputs @ weights.mT if c.shared else inhibit(block, weights, outputs)
-    else:
-        out = through(block, weights, c.shared)
-    if rule is None:
-        return out, state._replace(outputs=outputs), None
-    high, low = fluctuations(out, state.output_low, c)
-    compiled, awake, squares = torch.compiler.is_compiling(), None, None
-    if c.faint:
-        squares = high.square()
-        awake = squares.mean(-1).flatten(clock.ndim).amax(-1) >= c.faint**2
-        if not compiled and not awake.any():
-            return out, state._replace(outputs=outputs, output_low=low), torch.zeros_like(clock, dtype=out.dtype)
-        clock = clock + awake * c.every
-        if moment is None:
-            moment = next(moments(clock.unsqueeze(0), out.select(-3 if c.shared else -2, 0), c))
-    assert moment is not None
-    # Alone, it is awake here.
-    awake = awake if compiled or clock.ndim else None
-    if rule.uses_power:
-        squares = high.square() if squares is None else squares
-        kept, taken = c.mean_square.weights(high.select(-2, 0) if c.shared else high)
-        fluctuation = held(awake, kept * fluctuation + taken @ (squares.sum(-2) if c.shared else squares), fluctuation)
-    mean, stopped, shift = state.mean_weights, state.stopped, None
-    if moment.factor is not None:
-        power = fluctuation if moment.seen is None else fluctuation / moment.seen
-        change = rule.change(high.flatten(-3, -2) if c.shared else high, power, weights, c.every)
-        grown, full = rule.bounded(torch.addcmul(weights, change, moment.factor))
-        learning = awake
-        if compiled:
-            begun = moment.factor.amax((-1, -2)) > 0
-            learning = begun if awake is None else awake & begun
-        if c.when_full == "stop":
-            learning = ~stopped if learning is None else learning & ~stopped
-            stopped = stopped if full is None else stopped | (full if awake is None else full & awake)
-        weights = held(learning, grown, weights)
-        step = (weights.detach() - mean) * c.a_mean
-        step = held(awake, step, torch.zeros_like(step))
-        mean, shift = mean + step, torch.linalg.vector_norm(step, 1, (-1, -2))
-    # By position: `_replace` costs as much as three operations.
-    end = NetworkState(
-        weights, outputs, state.input_low, low, state.recent, fluctuation, clock, stopped, mean, *state[9:]
-    )
-    return out, end, shift
-
-
-def fluctuations(out: Tensor, low: Tensor, constants: Constants) -> tuple[Tensor, Tensor]:
-    """High-passed outputs o' of one step, `[..., E, N]` or `[..., E, F, N]`, and the filter's state."""
-    c, time = constants, -3 if constants.shared else -2
-    if c.feedback == "delayed":
-        low = low_pass_step(out, low, c.output_low.a)
-        return (out - low).unsqueeze(time), low
-    if c.every == 1:
-        lows = low_pass_step(out, low.unsqueeze(time), c.output_low.a)
-    else:
-        lows = c.output_low(out.flatten(-2), low.flatten(-2)).view_as(out) if c.shared else c.output_low(out, low)
-    return out - lows, lows.select(time, -1)
 
 
 def held(where: Tensor | None, new: Tensor, old: Tensor) -> Tensor:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any, Self
 
 import torch
@@ -13,21 +12,20 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
 from ndtorch.binding.learning import (
     FEEDBACKS,
-    Constants,
     Feedback,
     Moment,
     NetworkState,
     WhenFull,
+    held,
+    inhibit,
     latest_changes,
-    moments,
-    network_step,
     through,
 )
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
 from ndtorch.errors import InputError
 from ndtorch.utils.backend import Backend, check_backend
 from ndtorch.vision.blocks import BlockLowPass, Stretch
-from ndtorch.vision.temporal import low_pass, smoothing_factor
+from ndtorch.vision.temporal import low_pass, low_pass_step, smoothing_factor
 
 MOST_NEURONS = 8192
 """Their weights are N x N: 256 MiB in single precision."""
@@ -134,19 +132,9 @@ class InhibitoryNetwork(nn.Module):
         self.every = max(1, round(every / dt))
         self.output_low = BlockLowPass(smoothing_factor(tau_out, dt, "tau_out"), self.every)
         self.mean_square = BlockLowPass(smoothing_factor(tau_power, dt, "tau_power"), self.every)
-        self.constants = Constants(
-            rule=learning(rule),
-            feedback=feedback,
-            shared=shared,
-            dt=dt,
-            every=self.every,
-            settle=settle,
-            faint=faint,
-            when_full=when_full,
-            output_low=self.output_low,
-            mean_square=self.mean_square,
-            a_mean=smoothing_factor(tau_mean, dt * self.every, "tau_mean"),
-        )
+        self.feedback, self.settle, self.faint, self.when_full = feedback, settle, faint, when_full
+        self.a_mean = smoothing_factor(tau_mean, dt * self.every, "tau_mean")
+        self.rule, self.time = rule, -3 if shared else -2
         self.window_changes = max(1, round(window / (dt * self.every)))
         self.register_buffer("initial", initial)
 
@@ -157,11 +145,11 @@ class InhibitoryNetwork(nn.Module):
         Raises:
             InputError: what is assigned is neither.
         """
-        return self.constants.rule
+        return self._rule
 
     @rule.setter
     def rule(self, rule: Rule | str | None) -> None:
-        self.constants = replace(self.constants, rule=learning(rule))
+        self._rule = learning(rule)
 
     @classmethod
     def scale_free(cls, neurons: int = 10, dt: float = 0.01, rule: Rule | None = None, **options: Any) -> Self:
@@ -170,7 +158,7 @@ class InhibitoryNetwork(nn.Module):
         return cls(neurons, dt, rule or ScaleFreeRule(), "settled", **constants)
 
     def extra_repr(self) -> str:
-        return f"neurons={self.neurons}, feedback={self.constants.feedback!r}, backend={self.backend!r}"
+        return f"neurons={self.neurons}, feedback={self.feedback!r}, backend={self.backend!r}"
 
     def start(self, first: Tensor) -> NetworkState:
         """State at rest, its input filter settled on the first input `[..., N]`, or `[..., F, N]` of fields."""
@@ -197,13 +185,13 @@ class InhibitoryNetwork(nn.Module):
 
     def forward(self, inputs: Tensor, state: NetworkState | None = None) -> tuple[Tensor, NetworkState]:
         check_state(state, NetworkState)
-        time = self._check(inputs)
-        check_batch(state, inputs.shape[:time], "weights", "outputs")
+        self._check(inputs)
+        check_batch(state, inputs.shape[: self.time], "weights", "outputs")
         return self.scan(inputs, state)
 
     def scan(self, inputs: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
         """`forward` without checks, for models whose inputs are their own."""
-        c, time = self.constants, -3 if self.shared else -2
+        time = self.time
         state = self.start(inputs.select(time, 0)) if state is None else state
         drive, input_low = inputs, state.input_low
         if self.a_in:
@@ -214,39 +202,39 @@ class InhibitoryNetwork(nn.Module):
         blocks: Sequence[Tensor]
         whole: Sequence[Tensor | None]
         compiled = torch.compiler.is_compiling()
-        if c.feedback == "delayed":
+        if self.feedback == "delayed":
             first = (state.steps if compiled else int(state.steps)) + 1
             blocks, whole = drive.unbind(time), [None] * inputs.shape[time]
         else:
-            stretch = Stretch(state.recent, drive, state.steps, c.every, time)
+            stretch = Stretch(state.recent, drive, state.steps, self.every, time)
             first, blocks, whole = stretch.first, stretch.blocks, stretch.whole
         ahead = self._moments(state, first, len(blocks), drive.select(time, 0)) if blocks else iter(())
         moment = next(ahead, None)
         for block, known in zip(blocks, whole, strict=True):
-            out, after, shift = network_step(block, now, c, moment)
+            out, after, shift = self._step(block, now, moment)
             if known is not None:
                 # An exported program cannot skip a block that is not whole yet: it takes nothing from it.
                 after = NetworkState(*(torch.where(known, a, b) for a, b in zip(after, now, strict=True)))
             # Asleep, the clock stands still.
-            if not c.faint or after.clock is not now.clock:
+            if not self.faint or after.clock is not now.clock:
                 moment = next(ahead, None)
             now = after
             outs.append(out)
             if shift is not None:
                 shifts.append((shift, known))
-        if c.feedback == "delayed":
+        if self.feedback == "delayed":
             out = torch.stack(outs, time)
         else:
-            out = stretch.joined(outs, lambda rest: through(rest, now.weights, c.shared))
+            out = stretch.joined(outs, lambda rest: through(rest, now.weights, self.shared))
             now = now._replace(recent=stretch.recent)
         power, roughness = state.power, state.roughness
-        if c.feedback == "delayed":  # settled networks cannot alternate
+        if self.feedback == "delayed":  # settled networks cannot alternate
             power, roughness = self._diagnose(out, state, time)
         steps = state.steps + inputs.shape[time]
         return out, now._replace(
             outputs=out.select(time, -1),
             input_low=input_low,
-            clock=now.clock if c.faint else torch.zeros_like(now.clock) + steps,
+            clock=now.clock if self.faint else torch.zeros_like(now.clock) + steps,
             changes=latest_changes(state.changes, shifts) if shifts else state.changes,
             power=power,
             roughness=roughness,
@@ -255,22 +243,122 @@ class InhibitoryNetwork(nn.Module):
 
     def _moments(self, state: NetworkState, first: int | Tensor, count: int, like: Tensor) -> Iterator[Moment]:
         """What depends on time alone, at every change of the weights to come; nothing where each has its own clock."""
-        c = self.constants
-        if c.rule is None or (c.faint and (torch.compiler.is_compiling() or state.clock.ndim)):
+        if self.rule is None or (self.faint and (torch.compiler.is_compiling() or state.clock.ndim)):
             return iter(())
-        number = torch.arange(count, dtype=torch.float64, device=like.device) * c.every
-        return moments(number + (state.clock + c.every if c.faint else first), like, c)
+        number = torch.arange(count, dtype=torch.float64, device=like.device) * self.every
+        return self._at(number + (state.clock + self.every if self.faint else first), like)
 
-    def _check(self, inputs: Tensor) -> int:
-        """Index of the time dimension, counted from the end; `InputError` for inputs that cannot be used."""
-        time = -3 if self.shared else -2
+    def _at(self, clock: Tensor, like: Tensor) -> Iterator[Moment]:
+        """Moments at readings of the learning's clock, `[K, ...]`, for signals like `[..., N]`; one for each of K."""
+        rule = self.rule
+        assert rule is not None
+        # Delayed: o(t + dt), which the rule sees at the time t.
+        lag = 1 if self.feedback == "delayed" and not self.faint else 0
+        seconds = (clock - lag) * self.dt - self.settle
+        ready = [True] * len(clock) if torch.compiler.is_compiling() or clock.ndim > 1 else (seconds > 0).tolist()
+        batch = like.ndim - (2 if self.shared else 1)
+        rates = rule.rate(seconds if clock.ndim > 1 else seconds.reshape(-1, *[1] * batch))
+        scale = (rates * (self.dt * self.every)).to(like.dtype)[..., None, None]
+        apart = 1 - torch.eye(like.shape[-1], dtype=like.dtype, device=like.device)
+        # Many networks with rates of their own: not all of their steps at once.
+        factors = (
+            (scale * apart).unbind(0) if scale.numel() == len(clock) else (part * apart for part in scale.unbind(0))
+        )
+        seen: list[Tensor | None] = [None] * len(clock)
+        if rule.uses_power:
+            keep = math.log1p(-self.mean_square.a) if self.mean_square.a < 1 else -math.inf
+            seen = list((-torch.expm1(keep * clock)).to(like.dtype).unsqueeze(-1).unbind(0))
+        for begun, factor, share in zip(ready, factors, seen, strict=True):
+            yield Moment(factor if begun else None, share)
+
+    def _step(
+        self, block: Tensor, state: NetworkState, moment: Moment | None
+    ) -> tuple[Tensor, NetworkState, Tensor | None]:
+        """One step of the network, from one change of the weights to the next.
+
+        Args:
+            block: drive i', `[..., N]` for delayed feedback, a block `[..., E, N]` for settled; `[..., F, N]` and
+                `[..., E, F, N]` of fields.
+            state: before.
+            moment: None where the clock is in the state.
+
+        Returns:
+            outputs like `block`, the state after, and the summed magnitude of the change of the mean weights, `[...]`,
+            None if there was no change.
+        """
+        rule, weights = self.rule, state.weights
+        outputs, fluctuation, clock = state.outputs, state.fluctuation, state.clock
+        if self.feedback == "delayed":
+            out = outputs = block - outputs @ weights.mT if self.shared else inhibit(block, weights, outputs)
+        else:
+            out = through(block, weights, self.shared)
+        if rule is None:
+            return out, state._replace(outputs=outputs), None
+        high, low = self._fluctuations(out, state.output_low)
+        compiled, awake, squares = torch.compiler.is_compiling(), None, None
+        if self.faint:
+            squares = high.square()
+            awake = squares.mean(-1).flatten(clock.ndim).amax(-1) >= self.faint**2
+            if not compiled and not awake.any():
+                return out, state._replace(outputs=outputs, output_low=low), torch.zeros_like(clock, dtype=out.dtype)
+            clock = clock + awake * self.every
+            if moment is None:
+                moment = next(self._at(clock.unsqueeze(0), out.select(self.time, 0)))
+        assert moment is not None
+        # Alone, it is awake here.
+        awake = awake if compiled or clock.ndim else None
+        if rule.uses_power:
+            squares = high.square() if squares is None else squares
+            kept, taken = self.mean_square.weights(high.select(-2, 0) if self.shared else high)
+            fluctuation = held(
+                awake, kept * fluctuation + taken @ (squares.sum(-2) if self.shared else squares), fluctuation
+            )
+        mean, stopped, shift = state.mean_weights, state.stopped, None
+        if moment.factor is not None:
+            power = fluctuation if moment.seen is None else fluctuation / moment.seen
+            change = rule.change(high.flatten(-3, -2) if self.shared else high, power, weights, self.every)
+            grown, full = rule.bounded(torch.addcmul(weights, change, moment.factor))
+            learning = awake
+            if compiled:
+                begun = moment.factor.amax((-1, -2)) > 0
+                learning = begun if awake is None else awake & begun
+            if self.when_full == "stop":
+                learning = ~stopped if learning is None else learning & ~stopped
+                stopped = stopped if full is None else stopped | (full if awake is None else full & awake)
+            weights = held(learning, grown, weights)
+            step = (weights.detach() - mean) * self.a_mean
+            step = held(awake, step, torch.zeros_like(step))
+            mean, shift = mean + step, torch.linalg.vector_norm(step, 1, (-1, -2))
+        # By position: `_replace` costs as much as three operations.
+        end = NetworkState(
+            weights, outputs, state.input_low, low, state.recent, fluctuation, clock, stopped, mean, *state[9:]
+        )
+        return out, end, shift
+
+    def _fluctuations(self, out: Tensor, low: Tensor) -> tuple[Tensor, Tensor]:
+        """High-passed outputs o' of one step, `[..., E, N]` or `[..., E, F, N]`, and the filter's state."""
+        time = self.time
+        if self.feedback == "delayed":
+            low = low_pass_step(out, low, self.output_low.a)
+            return (out - low).unsqueeze(time), low
+        if self.every == 1:
+            lows = low_pass_step(out, low.unsqueeze(time), self.output_low.a)
+        else:
+            lows = (
+                self.output_low(out.flatten(-2), low.flatten(-2)).view_as(out)
+                if self.shared
+                else self.output_low(out, low)
+            )
+        return out - lows, lows.select(time, -1)
+
+    def _check(self, inputs: Tensor) -> None:
+        """Raise `InputError` for inputs that cannot be used."""
         shape = f"[..., T, {'F, ' if self.shared else ''}{self.neurons}]"
         check_tensor("inputs", inputs, half=False)
-        if inputs.ndim < -time or inputs.shape[-1] != self.neurons:
+        if inputs.ndim < -self.time or inputs.shape[-1] != self.neurons:
             raise InputError(f"inputs must be {shape}, got {tuple(inputs.shape)}")
-        if inputs.shape[time] == 0:
+        if inputs.shape[self.time] == 0:
             raise InputError(f"inputs must hold at least one time step, got {tuple(inputs.shape)}")
-        return time
 
     def _diagnose(self, out: Tensor, state: NetworkState, time: int) -> tuple[Tensor, Tensor]:
         """Running means of squared outputs and of squared differences of successive outputs."""

@@ -201,7 +201,7 @@ def test_the_rate_falls_from_a_fast_start() -> None:
 def test_a_rule_of_ones_own_has_a_name_like_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(RULES, "sign", lambda **constants: LearningRule(torch.sign, cube, "sign", **constants))
     network = InhibitoryNetwork(2, rule="sign", settle=0.0)
-    assert network.constants.rule.name == "sign"
+    assert network.rule.name == "sign"
     _, state = network(torch.randn(50, 2, generator=torch.Generator().manual_seed(0)))
     assert state.weights.any()
 
