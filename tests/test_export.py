@@ -53,7 +53,8 @@ PROGRAMS = ["published", *(pytest.param(name, marks=pytest.mark.long) for name i
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_an_exported_program_gives_the_same(name: str, tmp_path: Path) -> None:
-    module = model(name)
+    # Motion of the second frame is zero but for rounding, and is divided by its own largest: one backend alone.
+    module = model(name, backend="torch")
     files = export(module, tmp_path, "pt2", FRAMES)
     assert [path.name for path in files] == ["first.pt2", "next.pt2"]
     first, following = (torch.export.load(path).module() for path in files)
