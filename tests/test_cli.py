@@ -60,8 +60,8 @@ def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.Cap
     assert main(["bind", "--fps", "50", "--pictures", "2", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     assert out.startswith("model  scale-free (default for scenes)\n")
-    assert "object 1: green, moving left and down, orientation between 0° and 60°" in out
-    assert "object 2: red, moving right and down, orientation between 0° and 120°" in out
+    assert "object 1: red, moving right and down, orientation between 0° and 120°" in out
+    assert "object 2: green, moving left and down, orientation between 0° and 60°" in out
     assert "object 3" not in out
     assert "verdict  stable" in out
     assert {path.name for path in (tmp_path / "two-bars").iterdir()} == FILES

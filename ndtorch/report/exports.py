@@ -49,7 +49,7 @@ def write_coco(tracks: TrackRecord, path: Path) -> None:
             {
                 **{"id": k + 1, "image_id": int(tracks.frame[k]), "category_id": 1, "iscrowd": 0},
                 **{"track_id": int(tracks.track[k]), "state": str(tracks.state[k])},
-                **{"area": round(float(tracks.area[k]), 2), "score": round(float(tracks.confidence[k]), 3)},
+                **{"area": round(float(tracks.area[k]), 2), "score": 1.0},
                 "bbox": [round(side, 2) for side in (left, top, right - left, bottom - top)],
                 "segmentation": {"size": [height, width], "counts": run_lengths(mask, height, width)},
             }
@@ -82,25 +82,24 @@ STATES = ("tentative", "measured", "predicted", "stationary")
 
 
 def write_mot(tracks: TrackRecord, path: Path) -> None:
-    """mot.txt, which motmetrics and TrackEval read: frame, object, left, top, width, height, confidence, -1, -1,
+    """mot.txt, which motmetrics and TrackEval read: frame, object, left, top, width, height, confidence (1), -1, -1,
     number of the state."""
-    columns = (tracks.frame, tracks.track, tracks.box, tracks.confidence, tracks.state)
+    columns = (tracks.frame, tracks.track, tracks.box, tracks.state)
     lines = [
-        f"{frame},{track},{left:.2f},{top:.2f},{right - left:.2f},{bottom - top:.2f},{sure:.3f},-1,-1,"
-        f"{STATES.index(state)}\n"
-        for frame, track, (left, top, right, bottom), sure, state in zip(*(c.tolist() for c in columns), strict=True)
+        f"{frame},{track},{left:.2f},{top:.2f},{right - left:.2f},{bottom - top:.2f},1,-1,-1,{STATES.index(state)}\n"
+        for frame, track, (left, top, right, bottom), state in zip(*(c.tolist() for c in columns), strict=True)
     ]
     path.write_text("".join(lines), encoding="utf-8")
 
 
 def table(tracks: TrackRecord) -> dict[str, Any]:
-    """A column each for frame, time, track, state, box, center, area, speed, confidence, features of the object."""
+    """A column each for frame, time, track, state, box, center, area, speed, features of the object."""
     left, top, right, bottom = tracks.box.T
     columns: dict[str, Any] = {
         **{name: getattr(tracks, name) for name in ("frame", "time", "track", "state")},
         **{"left": left, "top": top, "width": right - left, "height": bottom - top},
         **{"center_x": tracks.center[:, 0], "center_y": tracks.center[:, 1]},
-        **{name: getattr(tracks, name) for name in ("area", "speed", "confidence")},
+        **{name: getattr(tracks, name) for name in ("area", "speed")},
     }
     for name in FEATURES:
         own = [tracks.objects[number].features.get(name, 0.0) for number in tracks.track.tolist()]

@@ -37,7 +37,6 @@ class TrackRecord(NamedTuple):
         box: left, top, right and bottom, pixels, `[N, 4]`; of objects without boxes its place twice.
         center: column and row of its place, pixels, `[N, 2]`.
         speed: pixels a second, `[N]`.
-        confidence: of its object, 0 to 1, `[N]`; 1 of models that do not say.
         area: pixels of its mask, else of its box, `[N]`.
         masks: of every row; None where there is none.
     """
@@ -57,7 +56,6 @@ class TrackRecord(NamedTuple):
     box: Floats
     center: Floats
     speed: Floats
-    confidence: Floats
     area: Floats
     masks: Sequence[Placed | None]
 
@@ -93,7 +91,6 @@ def track_record(result: RunResult) -> TrackRecord:
     which_frame, clock, track, state, box, center, speed, masks = zip(*rows, strict=True) if rows else [()] * 8
     at, boxes = np.array(which_frame, np.int64), np.array(box, np.float64).reshape(-1, 4)
     objects = {thing.number or 0: thing for thing in result.objects}
-    sure = [objects[number].confidence for number in track]
     whole = (boxes[:, 2:] - boxes[:, :2]).prod(1).tolist()
     area = [a if mask is None else float(mask.pixels.sum()) for mask, a in zip(masks, whole, strict=True)]
     return TrackRecord(
@@ -112,7 +109,6 @@ def track_record(result: RunResult) -> TrackRecord:
         box=boxes,
         center=np.array(center, np.float64).reshape(-1, 2),
         speed=np.array(speed, np.float64),
-        confidence=np.array([1.0 if one is None else one for one in sure], np.float64),
         area=np.array(area, np.float64),
         masks=masks,
     )

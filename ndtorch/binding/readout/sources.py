@@ -242,13 +242,13 @@ class SourceEstimator(nn.Module):
         return torch.sigmoid((evidence * evidence.new_tensor(WEIGHTS)).sum(-1))
 
     def table(self, state: SourceState, weights: Tensor) -> ObjectTable:
-        """Objects with the features of the sources; each has a neuron of its own, the strongest that is free.
-        Two sources of one spectrum have those of the neurons that send most by `weights` `[..., 10, 10]`."""
+        """Objects with the features of the sources. Each has a neuron of its own: of those of its features, the one
+        that inhibits most by `weights` `[..., 10, 10]`. Two sources of one spectrum have the features of such neurons."""
         numbers = self.number(state).flatten().tolist()
         samples = max(4, min(self.samples, int(state.steps)))
         history = state.history[..., -samples:, :10].reshape(-1, samples, 10)
         owners = torch.zeros(len(numbers), 10, dtype=torch.bool, device=history.device)
-        rows = history.new_zeros(len(numbers), 10, 10)
+        rows, inhibition = history.new_zeros(len(numbers), 10, 10), weights.reshape(-1, 10, 10).clamp_min(0).sum(-2)
         for trial, (count, signals) in enumerate(zip(numbers, history, strict=True)):
             mixing, difference = self.mixing(signals, max(1, count))
             mixing = mixing[mixing.square().sum(-1).argsort(descending=True)]
@@ -256,8 +256,7 @@ class SourceEstimator(nn.Module):
             if count == 2 and difference < ALIKE:
                 refined = strongest_columns(weights.reshape(-1, 10, 10)[trial], count)
             for row in features_by_group(refined, self.params.smallest)[:count].to(rows):
-                free = torch.where(owners[trial], -1.0, row)
-                k = int(free.argmax())
+                k = int(torch.where(owners[trial], -1.0, row * (inhibition[trial] + 1e-3)).argmax())
                 owners[trial, k], rows[trial, k] = True, row
         batch = state.votes.shape[:-1]
         return ObjectTable(owners.reshape(*batch, 10), rows.float().reshape(*batch, 10, 10))
