@@ -243,7 +243,7 @@ class SourceEstimator(nn.Module):
 
     def table(self, state: SourceState, weights: Tensor) -> ObjectTable:
         """Objects with the features of the sources. Each has a neuron of its own: of those of its features, the one
-        that inhibits most by `weights` `[..., 10, 10]`. Two sources of one spectrum have the features of such neurons."""
+        that inhibits most by `weights` `[..., 10, 10]`. Two sources of one spectrum have the features of these."""
         numbers = self.number(state).flatten().tolist()
         samples = max(4, min(self.samples, int(state.steps)))
         history = state.history[..., -samples:, :10].reshape(-1, samples, 10)
