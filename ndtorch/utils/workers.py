@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import time
 import traceback
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -62,7 +63,9 @@ def run_tasks(function: Callable[[Any], Any], tasks: Sequence[Any], jobs: int) -
         pool.shutdown(wait=False, cancel_futures=True)
         for worker in workers:
             worker.terminate()
-            worker.join()
+        # The pool's thread waits for them too: where it was first, `join` returns before their end is noted.
+        while any(worker.is_alive() for worker in workers):
+            time.sleep(0.01)
 
 
 def one_thread() -> None:
