@@ -152,8 +152,11 @@ class Recorder(StepThread):
         super().fail(words)
         with contextlib.suppress(OSError, ValueError):
             self.file.close()
-        self.dropped += self.steps - self.kept + self.queue.qsize()
         self.steps = self.kept
+
+    def close(self, patience: float | None = None) -> None:
+        super().close(patience)
+        self.dropped = self.number - self.steps
 
     def write(self, waiting: Waiting) -> None:
         """One step: its messages, and then the one that says what belongs to it."""
