@@ -45,7 +45,7 @@ class BoundObject:
         heading: sum of the directions it was seen to move in, to the right and down, as unit vectors.
         fields: number of receptive fields that show it at its latest sighting.
         path: time, column and row of every sighting, where they are kept.
-        shade: "white", "grey" or "black" of what has no hue; None of what has one, or where it is unknown.
+        color_name: "white", "grey", "black" or the nearest of six hues of its mean color; None of models without.
         boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
         confidence: probability that an object of these features is in view; None of models that do not say.
         states: of every sighting: "tentative" (not yet known to be an object), "measured", "predicted" (in a shared
@@ -63,7 +63,7 @@ class BoundObject:
     heading: tuple[float, float] | None = None
     fields: int | None = None
     path: tuple[tuple[float, float, float], ...] = ()
-    shade: str | None = None
+    color_name: str | None = None
     boxes: tuple[tuple[float, float, float, float], ...] = ()
     number: int | None = None
     confidence: float | None = None
@@ -76,8 +76,8 @@ class BoundObject:
 
     @property
     def color(self) -> str:
-        """Its shade, else its strongest color, "grey" where it has none."""
-        return self.shade or strongest(self.features, FEATURES[GROUPS["color"]]) or "grey"
+        """Name of its mean color, else its strongest color, "grey" where it has none."""
+        return self.color_name or strongest(self.features, FEATURES[GROUPS["color"]]) or "grey"
 
     @property
     def direction(self) -> str | None:

@@ -162,7 +162,8 @@ def timed(image: Pixels, seconds: float) -> Pixels:
 
 def contrasting(color: tuple[int, int, int]) -> tuple[int, int, int]:
     """Black for a light color, white for all others: what a color is drawn on."""
-    return (0, 0, 0) if sum(color) > 3 * 200 else (255, 255, 255)
+    red, green, blue = color
+    return (0, 0, 0) if 0.3 * red + 0.59 * green + 0.11 * blue > 150 else (255, 255, 255)
 
 
 def put_text(image: Pixels, text: str, column: int, bottom: int, color: tuple[int, int, int]) -> None:

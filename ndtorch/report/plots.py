@@ -44,7 +44,9 @@ STYLES: dict[str, Style] = {
     "blue": Style("#0072b2", "solid"),
 }
 """Style of every feature, in the order of `FEATURES`."""
-SHADES = {"white": "#ffffff", "grey": "#888888", "black": "#000000"}
+COLORS = {"white": "#ffffff", "grey": "#888888", "black": "#000000"}
+COLORS |= {"yellow": "#e6c200", "cyan": "#00b7c7", "magenta": "#c030a0"}
+"""Colors that are no features."""
 DPI = 110
 MAX_GAIN = 10.0
 """Most that an enhanced image is brightened by."""
@@ -52,8 +54,8 @@ TIME_LABEL = "time since learning began (s)"
 
 
 def color_of(name: str) -> str:
-    """The color that stands for a feature or a shade in all figures and films, as "#rrggbb"."""
-    return STYLES[name].color if name in STYLES else SHADES.get(name, SHADES["grey"])
+    """The color that stands for a feature or another color in all figures and films, as "#rrggbb"."""
+    return STYLES[name].color if name in STYLES else COLORS.get(name, COLORS["grey"])
 
 
 def save(figure: Figure, path: str | Path) -> Path:

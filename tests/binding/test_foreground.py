@@ -116,7 +116,7 @@ def test_what_has_no_hue_is_white_or_black(value: float, name: str) -> None:
     """On a film with tinted light."""
     frames = squares(30, (0, 4.0, 44, (value, value, value))) * torch.tensor([1.0, 0.95, 0.85])[:, None, None]
     (thing,) = model().objects(run((frames * 255).round().to(torch.uint8))[1])
-    assert (thing.color, thing.shade) == (name, name)
+    assert (thing.color, thing.color_name) == (name, name)
     assert not {"red", "green", "blue"} & thing.features.keys()
     assert thing.direction == "right"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ndtorch.foreground.background import BackgroundParams, Segmentation, start_background
-from ndtorch.foreground.colors import achromatic_name
+from ndtorch.foreground.colors import color_name
 from ndtorch.foreground.tracker import (
     BOX,
     NUMBER,
@@ -159,10 +159,18 @@ def test_a_ghost_is_learned_and_an_object_that_stands_is_not() -> None:
 
 @pytest.mark.parametrize(
     ("color", "name"),
-    [((0.9, 0.9, 0.9), "white"), ((0.05, 0.05, 0.05), "black"), ((0.4, 0.4, 0.4), "grey"), ((0.8, 0.3, 0.3), None)],
+    [
+        ((0.9, 0.9, 0.9), "white"),
+        ((0.05, 0.05, 0.05), "black"),
+        ((0.4, 0.4, 0.4), "grey"),
+        ((0.8, 0.3, 0.3), "red"),
+        ((0.8, 0.7, 0.1), "yellow"),
+        ((0.1, 0.6, 0.2), "green"),
+        ((0.2, 0.3, 0.8), "blue"),
+    ],
 )
-def test_colors_without_a_hue_have_names_under_any_light(color: tuple[float, ...], name: str | None) -> None:
+def test_colors_have_names_under_any_light(color: tuple[float, ...], name: str) -> None:
     light = np.array([1.0, 0.9, 0.7])
     background = (np.full((3, *SIZE), 0.5) * light[:, None, None]).astype(np.float32)
     background[:, :10, :10] = light[:, None, None]
-    assert achromatic_name(np.array(color) * light, background) == name
+    assert color_name(np.array(color) * light, background) == name

@@ -29,7 +29,7 @@ from ndtorch.foreground.background import (
     segment,
     start_background,
 )
-from ndtorch.foreground.colors import achromatic_name
+from ndtorch.foreground.colors import color_name
 from ndtorch.foreground.tracker import (
     BOX,
     MAX_PATH,
@@ -337,15 +337,15 @@ class ForegroundModel(BindingModel):
                 continue
             path = tracks.path[tracks.path[:, NUMBER] == number]
             places, boxes = path[:, PLACE] * scale, path[:, BOX] * np.tile(scale, 2)
-            shade = None if background is None else achromatic_name(tracks.color[k], background)
-            hues = () if shade is None else FEATURES[GROUPS["color"]]
+            name = None if background is None else color_name(tracks.color[k], background)
+            grey = FEATURES[GROUPS["color"]] if name in ("white", "grey", "black") else ()
             row = features_by_group(torch.from_numpy(tracks.inputs[k])).tolist()
             index = int(tracks.outputs[k].argmax())
             found.append(
                 BoundObject(
                     FEATURES[index],
                     index,
-                    {name: value for name, value in zip(FEATURES, row, strict=True) if value > 0 and name not in hues},
+                    {one: value for one, value in zip(FEATURES, row, strict=True) if value > 0 and one not in grey},
                     place=tuple(places[-1].tolist()),
                     velocity=tuple((tracks.velocity[k] * scale).tolist()),
                     first_seen=float(path[0, TIME]),
@@ -353,7 +353,7 @@ class ForegroundModel(BindingModel):
                     track=number,
                     heading=tuple(((tracks.place[k] - tracks.start[k]) * scale).tolist()),
                     path=tuple(map(tuple, np.column_stack([path[:, TIME], places]).tolist())),
-                    shade=shade,
+                    color_name=name,
                     boxes=tuple(map(tuple, boxes.tolist())),
                     states=tuple(Status(int(one)).name.lower() for one in path[:, STATUS]),
                 )
