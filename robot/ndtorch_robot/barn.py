@@ -1,13 +1,12 @@
-"""Worlds of the BARN challenge as buildings, attempts at them, and a table of attempts."""
+"""Worlds of the BARN challenge as buildings, and attempts at them."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any
 
 import pandas as pd
 from pydantic import Field
@@ -34,18 +33,14 @@ TEST_EVERY = 5
 OPTIMAL_SPEED = 2.0
 """m/s with which the shortest path becomes the optimal time of the score."""
 
+Positive = Annotated[float, Field(gt=0)]
+
 
 class BarnWorld(Strict, extra="ignore"):
-    """One world of a file.
-
-    Attributes:
-        world: number of the challenge.
-        path_m: length of the shortest path.
-        cylinders: their middles, m.
-    """
+    """One world: number, length of the shortest path, m, and middles of the cylinders, m."""
 
     world: int
-    path_m: Annotated[float, Field(gt=0)]
+    path_m: Positive
     cylinders: tuple[Point, ...]
 
     @property
@@ -70,10 +65,10 @@ class BarnFile(Strict, extra="ignore"):
         goal: m.
     """
 
-    radius_m: Annotated[float, Field(gt=0)]
-    height_m: Annotated[float, Field(gt=0)]
+    radius_m: Positive
+    height_m: Positive
     goal_radius_m: float
-    time_limit_s: Annotated[float, Field(gt=0)]
+    time_limit_s: Positive
     start: tuple[float, float, float]
     goal: Point
     worlds: tuple[BarnWorld, ...]
@@ -92,56 +87,25 @@ def read_worlds(file: Path) -> BarnFile:
     """All worlds of a file. Raises `InputError` for one that cannot be read or holds something else."""
     try:
         values = json.loads(read_text(file, TABLE_BYTES))
-        return check(values if isinstance(values, dict) else {}, BarnFile, str(file))
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror})") from None
     except InputError:
         raise
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file}: no JSON ({error})") from None
+    return check(values if isinstance(values, dict) else {}, BarnFile, str(file))
 
 
-class Attempt(NamedTuple):
-    """What came of driving through a world once.
-
-    Attributes:
-        world: its number.
-        success, collided: the goal was reached in time and untouched; the car touched something.
-        time_s: until the goal, the collision or the end of the time.
-        score: of the challenge.
-        step_ms: median of a navigation step.
-    """
-
-    world: int
-    success: bool
-    collided: bool
-    time_s: float
-    score: float
-    step_ms: float
-
-
-class Referee:
-    """An observer that ends the drive at the goal, at a collision and when the time is over."""
-
-    def __init__(self, file: BarnFile, simulation: Simulation, car: Car) -> None:
-        self.file, self.simulation, self.car = file, simulation, car
-        self.success = self.collided = False
-
-    def __call__(self, step: Step) -> None:
-        if step.standing is not None:
-            raise InputError(step.standing)
-        x, y, _ = self.simulation.pose
-        self.collided = bool(self.simulation.collisions)
-        self.success = not self.collided and math.dist((x, y), self.file.goal) <= self.file.goal_radius_m
-        if self.success or self.collided or self.simulation.now() >= self.file.time_limit_s:
-            self.car.ended.set()
-
-
-def attempt(file: BarnFile, world: BarnWorld, options: RobotOptions) -> Attempt:
-    """Drive through a world once, by the loop and the safety layer of every other drive.
+def attempt(job: tuple[BarnFile, RobotOptions]) -> dict[str, Any]:
+    """Drive through the first world of a file, by the loop and the safety layer of every other drive.
 
     The car knows the goal and its start; of the cylinders it knows what it sees.
+
+    Returns:
+        What came of it: time until the goal, a collision or the end of the time, the score of the challenge, and the
+        median of a navigation step.
     """
+    (file, options), world = job, job[0].worlds[0]
     if controller_class(options.controller).has_goals:
         options = replace(options, goal=f"{file.goal[0]},{file.goal[1]}")
     rig, body, rate = options.stereo_rig, options.body, options.rate
@@ -150,30 +114,36 @@ def attempt(file: BarnFile, world: BarnWorld, options: RobotOptions) -> Attempt:
     simulation = Simulation(file.plan(world), options.seed, rig=rig, fields=runner.fields, rate=rate, body=body)
     monitor = CameraMonitor(rig, rate, limits.frame_age_s, rendered=True)
     car = Car(runner, simulation, SafeDrive(simulation, simulation, limits, monitor))
-    referee = Referee(file, simulation, car)
-    car.observers.append(referee)
+
+    def reached() -> bool:
+        return not simulation.collisions and math.dist(simulation.pose[:2], file.goal) <= file.goal_radius_m
+
+    def end(step: Step) -> None:
+        if step.standing is not None:
+            raise InputError(step.standing)
+        if reached() or simulation.collisions or simulation.now() >= file.time_limit_s:
+            car.ended.set()
+
+    car.observers.append(end)
     runner.warm_up()
     car.run(warm_up=False)
-    seconds = simulation.collisions[0].time if simulation.collisions else simulation.now()
-    score = world.score(seconds if referee.success else None)
-    step = car.timer.summary().get("navigate", {}).get("p50", 0.0)
-    outcome = referee.success, referee.collided, round(seconds, 2), round(score, 4)
-    return Attempt(world.world, *outcome, round(step, 2))
+    collided, success = bool(simulation.collisions), reached()
+    seconds = simulation.collisions[0].time if collided else simulation.now()
+    return {
+        "world": world.world,
+        "success": success,
+        "collided": collided,
+        "time_s": round(seconds, 2),
+        "score": round(world.score(seconds if success else None), 4),
+        "step_ms": round(car.timer.summary().get("navigate", {}).get("p50", 0.0), 2),
+    }
 
 
-def totals(made: Sequence[Attempt]) -> dict[str, float]:
-    """Ratios and means over all attempts; times over those that reached the goal."""
-    worlds = pd.DataFrame(made, columns=Attempt._fields)
-    means = worlds[["success", "collided", "score"]].mean().fillna(0.0).to_dict()
-    return {"worlds": len(made), **means, "median_time_s": float(worlds.time_s[worlds.success.eq(True)].median())}
-
-
-def table(made: Sequence[Attempt], note: str) -> str:
-    """The totals in Markdown."""
-    t = totals(made)
-    lines = [
-        "| worlds | success | collisions | score | median time to the goal |",
-        "|---:|---:|---:|---:|---:|",
-        f"| {len(made)} | {t['success']:.2f} | {t['collided']:.2f} | {t['score']:.3f} | {t['median_time_s']:.1f} s |",
-    ]
-    return "\n".join([*lines, "", note, ""])
+def totals(attempts: pd.DataFrame) -> pd.DataFrame:
+    """Means over all attempts as a table of one row; times over those that reached the goal."""
+    values = {
+        "worlds": len(attempts),
+        **attempts[["success", "collided", "score"]].mean(),
+        "median_time_s": attempts["time_s"][attempts["success"].eq(True)].median(),
+    }
+    return pd.DataFrame([values])

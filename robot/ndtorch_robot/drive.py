@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from collections.abc import Callable, Iterable
@@ -10,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from ndtorch.errors import InputError
@@ -22,9 +20,9 @@ from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.metrics import MapScore, coverage, score_map
 from ndtorch_robot.evaluation.record import Record, pose_error
-from ndtorch_robot.navigator_runner import NavigatorRunner, WalkedPath, runner_ndt_cells
+from ndtorch_robot.navigator_runner import NavigatorRunner, WalkedPath
 from ndtorch_robot.ports import DriveCommand, FaultKind, Observer, Step, print_note
-from ndtorch_robot.recording import Recorder
+from ndtorch_robot.run import observe
 from ndtorch_robot.safety import DriveState, SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.plan import Plan
@@ -49,10 +47,9 @@ class Result:
         summary: what `summary.json` holds.
         record: frame by frame.
         plan, cells: the building, and the map that was made of it.
+        path: where the car was as far as it knew.
         stops: times at which the controller stopped for good.
         interrupted: by Ctrl-C.
-        ndt_cells: NDT cells of the localiser for a map file; None without a localiser.
-        walked: where the car was as far as it knew, every few centimetres, `[T, 2]`.
     """
 
     config: DriveConfig
@@ -61,10 +58,10 @@ class Result:
     plan: Plan
     cells: torch.Tensor
     simulation: Simulation
+    runner: NavigatorRunner
+    path: WalkedPath
     stops: list[float]
     interrupted: bool
-    ndt_cells: npt.NDArray[np.float32] | None
-    walked: npt.NDArray[np.float64]
 
 
 def drive(
@@ -76,61 +73,44 @@ def drive(
 
     Cameras that fail end it with `InputError`, after the car was stopped.
     """
-    plan, rig, rate = load_arena(config.arena, config.seed), config.stereo_rig, config.rate
+    plan, rig, rate, body = load_arena(config.arena, config.seed), config.stereo_rig, config.rate, config.body
     check_goal(config, plan)
-    runner = NavigatorRunner(config, rig, rate, plan.grid(), body=config.body)
-    viewed = bool(config.view) or config.rrd is not None
+    runner = NavigatorRunner(config, rig, rate, plan.grid(), body=body)
+    disturbances = config.disturbance_values
     simulation = Simulation(
         plan,
         config.seed,
         walls=config.walls,
         pedestrian=config.pedestrian,
         odometry=config.odometry,
-        full_frames=viewed,
+        full_frames=bool(config.view) or config.rrd is not None,
         fields=runner.fields,
-        disturbances=config.disturbance_values,
+        disturbances=disturbances,
         rate=rate,
         rig=rig,
-        body=config.body,
+        body=body,
     )
-    camera_limits = BLANK if config.walls == "blank" else DRAWN
-    monitor = CameraMonitor(rig, rate, config.limits.frame_age_s, camera_limits, rendered=True)
+    patience = BLANK if config.walls == "blank" else DRAWN
+    monitor = CameraMonitor(rig, rate, config.limits.frame_age_s, patience, rendered=True)
     safe = SafeDrive(simulation, simulation, config.limits, monitor)
     car = Car(runner, simulation, safe, steer=steer, max_steps=max(1, round(config.seconds * rate)))
     record, path = Record(runner, lambda: simulation.pose), WalkedPath()
-    respawn = Respawn(simulation, runner, safe, end=config.disturbance_values.none)
-    recorder, interrupted = None, False
-    with contextlib.ExitStack() as stack:
-        if config.record is not None:
-            # Simulated time waits for it, so that nothing is left out.
-            recorder = stack.enter_context(Recorder(config.record, runner, when_full="wait", report=print_note))
-            car.observers.append(recorder)
-        car.observers += [record, path]
-        if viewed:
-            from ndtorch_robot.view import View, open_stream
-
-            name = f"{config.arena} seed {config.seed} {config.controller}"
-            stream = open_stream(name, config.rrd, config.view, plan)
-            view = View(stream, runner, print_note, wait=True, plan=plan, truth=lambda: simulation.pose)
-            stack.callback(view.close)
-            car.observers.append(view)
-        car.observers += [respawn, *observers]
+    respawn = Respawn(simulation, runner, safe, end=disturbances.none)
+    known: dict[str, Any] = {"plan": plan, "truth": lambda: simulation.pose}
+    name, files, interrupted = f"{config.arena} seed {config.seed}", (config.record, config.rrd, config.view), False
+    with observe(car, name, *files, print_note, **known) as (recorder, _):
+        car.observers += [record, path, respawn, *observers]
         runner.warm_up()  # before the time is taken
         began = time.perf_counter()
         try:
             # Where frames are lost, fewer steps fill the time.
-            car.run(config.seconds - 0.5 / rate if config.disturbance_values.lost_ratio else None, warm_up=False)
+            car.run(config.seconds - 0.5 / rate if disturbances.lost_ratio else None, warm_up=False)
         except KeyboardInterrupt:
             interrupted = True
-        if recorder is not None:
-            recorder.close()
-    cells = runner.map_cells()
-    summary = summarise(config, car, simulation, record, respawn, cells) | {
-        "wall_seconds": round(time.perf_counter() - began, 3),
-        "recording": recorder.summary() if recorder is not None else None,
-    }
-    about = plan, cells, simulation, respawn.stops, interrupted
-    return Result(config, summary, record, *about, runner_ndt_cells(runner), path.places())
+    cells, seconds = runner.map_cells(), time.perf_counter() - began
+    summary = summarise(config, car, simulation, record, respawn, cells)
+    summary |= {"wall_seconds": round(seconds, 3), "recording": recorder.summary() if recorder is not None else None}
+    return Result(config, summary, record, plan, cells, simulation, runner, path, respawn.stops, interrupted)
 
 
 def check_goal(config: DriveConfig, plan: Plan) -> None:

@@ -182,17 +182,12 @@ class WalkedPath:
         return np.array(sorted(self.cells), np.float64).reshape(-1, 2) * APART
 
 
-def runner_ndt_cells(runner: NavigatorRunner) -> npt.NDArray[np.float32] | None:
-    """The localiser's NDT cells as map files hold them; None without a localiser."""
-    if runner.state is None or runner.state.located is None:
-        return None
-    return to_sparse(runner.state.located.ndt_map)
-
-
-def save_runner_map(folder: Path, runner: NavigatorRunner, path: WalkedPath) -> None:
-    grid = runner.grid
-    assert grid is not None
-    save_map(folder, runner.map_cells(), grid, path.places(), runner_ndt_cells(runner))
+def save_runner_map(folder: Path, runner: NavigatorRunner, path: WalkedPath, **paths: Floats) -> None:
+    """Save the map of a runner with the floor it passed, the localiser's NDT cells, and poses by name."""
+    located = None if runner.state is None else runner.state.located
+    assert runner.grid is not None
+    ndt_cells = None if located is None else to_sparse(located.ndt_map)
+    save_map(folder, runner.map_cells(), runner.grid, path.places(), ndt_cells, **paths)
 
 
 def seen_obstacles(state: NavigatorState, navigator: Navigator) -> Ranges:

@@ -7,6 +7,8 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
@@ -16,8 +18,12 @@ from ndtorch_robot.car import CameraClock, Car, MonotonicClock
 from ndtorch_robot.link import SIMULATED_WORLD, Opening, open_link
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
+from ndtorch_robot.recording import Recorder
 from ndtorch_robot.run_config import RunConfig
 from ndtorch_robot.safety import SafeDrive
+
+if TYPE_CHECKING:
+    from ndtorch_robot.view import View
 
 
 @contextlib.contextmanager
@@ -87,6 +93,31 @@ def make_car(
 def open_real_cameras(config: RunConfig) -> tuple[StereoCameras, StereoRig]:
     assert config.cameras is not None
     return open_cameras(config.cameras, config.stereo_rig, lambda rig: config.navigation.fields(rig, config.body))
+
+
+@contextlib.contextmanager
+def observe(
+    car: Car, name: str, record: Path | None, rrd: Path | None, view: str, report: Report, **known: Any
+) -> Iterator[tuple[Recorder | None, View | None]]:
+    """Record a car, and show it in a file or a viewer, where that is asked for.
+
+    Args:
+        known: `plan` and `truth` of a `View` of a simulated drive, which then waits for the disk and the viewer, so
+            that nothing is left out.
+    """
+    recorder, shown = None, None
+    with contextlib.ExitStack() as stack:
+        if record is not None:
+            when_full: Literal["wait", "drop"] = "wait" if known else "drop"
+            recorder = stack.enter_context(Recorder(record, car.runner, when_full=when_full, report=report))
+            car.observers.append(recorder)
+        if rrd is not None or view:
+            from ndtorch_robot.view import View, open_stream
+
+            stream = open_stream(name, rrd, view, known.get("plan"))
+            shown = stack.enter_context(View(stream, car.runner, report, bool(known), **known))
+            car.observers.append(shown)
+        yield recorder, shown
 
 
 def real_time_priority(report: Report) -> None:

@@ -14,8 +14,7 @@ from ndtorch.cli.command_run import INCOMPLETE
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils import workers
-from ndtorch_robot.barn import Attempt, BarnFile
-from ndtorch_robot.commands import barn
+from ndtorch_robot.barn import BarnFile
 from ndtorch_robot.config import DriveConfig, RobotOptions
 from ndtorch_robot.drive import check_goal
 from ndtorch_robot.sim.arenas import load_arena
@@ -33,7 +32,7 @@ KEYS = {
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without pictures, for tests of something else: drawing them takes longer than a short drive."""
-    monkeypatch.setattr("ndtorch_robot.evaluation.plots.write_plots", lambda result, folder: None)
+    monkeypatch.setattr("ndtorch.report.plots.save", lambda figure, path: None)
 
 
 def test_json(tmp_path, capsys):
@@ -122,7 +121,6 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Job]:
     entries: list[Job] = []
 
     def run(function: object, tasks: list[Job], jobs: int) -> Iterator[workers.Event]:
-        assert function is barn.drive_world
         for n, entry in enumerate(tasks):
             entries.append(entry)
             number = entry[0].worlds[0].world
@@ -130,8 +128,8 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Job]:
                 yield workers.Event("failed", n, "Traceback\n  in a file\nInputError: no OpenGL\n")
                 continue
             hit = number == 6
-            made = Attempt(number, not hit, hit, 20.0, 0.0 if hit else 0.25, 0.4)
-            yield workers.Event("done", n, made._asdict())
+            result = {"world": number, "success": not hit, "collided": hit, "time_s": 20.0, "score": 0.25 * (not hit)}
+            yield workers.Event("done", n, result)
 
     monkeypatch.setattr(workers, "run_tasks", run)
     return entries
@@ -153,8 +151,8 @@ def test_what_is_finished_is_kept_and_not_driven_again(
     }
     assert "failed: world 5: InputError: no OpenGL" in told
     assert (out / "barn.csv").read_text().splitlines()[1:] == [
-        "4,True,False,20.0,0.25,0.4",
-        "6,False,True,20.0,0.0,0.4",
+        "4,True,False,20.0,0.25",
+        "6,False,True,20.0,0.0",
     ]
     assert "1 of 3 worlds are missing" in (out / "barn.md").read_text()
     assert main(command) == INCOMPLETE
@@ -191,5 +189,5 @@ def test_ctrl_c_keeps_what_was_finished(
     monkeypatch.setattr(workers, "run_tasks", cut)
     out = file.parent / "out"
     assert main(["barn", str(file), "--out", str(out)]) == 130
-    assert (out / "barn.csv").read_text().splitlines()[1:] == ["4,True,False,20.0,0.25,0.4"]
+    assert (out / "barn.csv").read_text().splitlines()[1:] == ["4,True,False,20.0,0.25"]
     assert "2 of 3 worlds are missing" in capsys.readouterr().out

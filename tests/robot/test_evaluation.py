@@ -13,12 +13,7 @@ from ndtorch.utils import workers
 from ndtorch.utils.workers import Event
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.drives import digest, key_of
-from ndtorch_robot.evaluation.metrics import (
-    MapScore,
-    score_map,
-    true_edges,
-    visible,
-)
+from ndtorch_robot.evaluation.metrics import MapScore, score_map, true_edges, visible
 from ndtorch_robot.evaluation.record import Record
 from ndtorch_robot.evaluation.table import markdown, table_of
 from ndtorch_robot.sim.arenas import Box, trace
@@ -93,9 +88,7 @@ def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--jobs", "1", "--out", str(folder)]
     arguments += ["--controllers", "published", "--seeds", "1000", "1001"]
     assert main(arguments) == 0
-    assert "| room | textured | published | - | 2 |" in capsys.readouterr().out.replace(
-        "published | 2", "published | - | 2"
-    )
+    assert "| room | textured | published | 2 |" in capsys.readouterr().out
     lines = [json.loads(line) for line in (folder / "drives.jsonl").read_text().splitlines()]
     assert [line["seed"] for line in lines] == [1000, 1001]
     min((folder / "drives").iterdir()).unlink()
@@ -104,7 +97,7 @@ def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     assert len(driven) == 3
     # Of fewer drives none is driven again.
     assert main(arguments[:-1]) == 0
-    assert "| published | - | 1 |" in capsys.readouterr().out.replace("published | 1", "published | - | 1")
+    assert "| published | 1 |" in capsys.readouterr().out
     assert len(driven) == 3
 
 
@@ -134,7 +127,7 @@ def blob(grid, places, spread=0.01):
 
 def test_true_edges():
     plan, profiles = doors()
-    edges = true_edges(plan, profiles)
+    edges = true_edges(plan, profiles, 0.2)
     # Each niche: two corners at its front, and two at its back, where the door meets the jambs.
     assert len(edges.places) == 12
     assert edges.faint.sum() == 6
@@ -143,7 +136,7 @@ def test_true_edges():
 
 def test_visible():
     plan, profiles = doors()
-    edges = true_edges(plan, profiles)
+    edges = true_edges(plan, profiles, 0.2)
     poses = np.array([(x, 0.0, 0.0) for x in np.arange(0, 2.0, 0.05)])
     seen = edges.places[visible(plan, edges, poses, RIG)]
     assert {(round(x, 2), round(y, 2)) for x, y in seen} == {(2.0, 1.0), (2.9, 1.1), (3.5, 1.0)}
@@ -154,7 +147,7 @@ def test_a_good_and_a_bad_map():
     plan, profiles = doors()
     grid = Grid(-0.5, 9.5, -1.5, 1.6)
     poses = np.array([(x, 0.0, 0.0) for x in np.arange(0, 7.0, 0.05)])
-    edges = true_edges(plan, profiles)
+    edges = true_edges(plan, profiles, 0.2)
     seen = edges.places[visible(plan, edges, poses, RIG)]
     perfect = score_map(blob(grid, seen), grid, plan, profiles, poses, RIG)
     assert perfect.precision == pytest.approx(1.0, abs=1e-3)
@@ -195,5 +188,5 @@ def test_turns_are_counted_when_they_begin():
         ([(0.5, 0), (-0.3, 1.9), (-0.3, 1.6), (-0.3, 1.3), (0.5, 0)], 0),  # back on the way it came
         ([], 0),
     ):
-        made.command = commands
+        made.values = {"command": commands}
         assert made.turns == turns

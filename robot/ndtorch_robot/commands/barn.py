@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -49,28 +48,29 @@ class Barn(RobotOptions):
         import pandas as pd
 
         from ndtorch.utils.files import write_text
-        from ndtorch_robot.barn import Attempt, read_worlds, table, totals
+        from ndtorch_robot.barn import attempt, read_worlds, totals
         from ndtorch_robot.evaluation.drives import drive_many, key_of
+        from ndtorch_robot.evaluation.table import markdown
 
         file = read_worlds(self.file)
         options = RobotOptions(**{name: getattr(self, name) for name in asdict(RobotOptions())})
-        jobs = [(file.model_copy(update={"worlds": (world,)}), options) for world in self.chosen(file)]
-        batch = drive_many(
-            drive_world,
-            jobs,
-            lambda job: [job[0].model_dump(), key_of(job[1])],
-            lambda job: f"world {job[0].worlds[0].world}",
-            lambda job: job[0].time_limit_s,
-            self.out,
-            processes=self.jobs,
-        )
-        made = [Attempt(**result) for result in batch.results]
-        missing = f"; {batch.missing} of {len(jobs)} worlds are missing" * (batch.missing > 0)
-        text = table(made, f"Controller {self.controller}, {self.split} worlds, seed {self.seed}{missing}.")
-        pd.DataFrame(made, columns=Attempt._fields).to_csv(batch.folder / "barn.csv", index=False)
-        write_text(batch.folder / "barn.md", text)
-        print(json.dumps(totals(made)) if self.json else f"{text}\nwritten to {batch.folder}: barn.csv barn.md")
-        return batch.exit_code()
+        jobs = {f"world {w.world}": (file.model_copy(update={"worlds": (w,)}), options) for w in self.chosen(file)}
+
+        def key(job: tuple[BarnFile, RobotOptions]) -> list[object]:
+            return [job[0].model_dump(), key_of(job[1])]
+
+        results, exit_code = drive_many(attempt, jobs, key, file.time_limit_s, self.out, self.jobs)
+        missing = f"; {len(jobs) - len(results)} of {len(jobs)} worlds are missing" * (len(results) < len(jobs))
+        if not results:
+            print("{}" if self.json else missing.removeprefix("; "))
+            return exit_code
+        attempts = pd.DataFrame(results)
+        table = totals(attempts)
+        text = markdown(table, f"Controller {self.controller}, {self.split} worlds, seed {self.seed}{missing}.")
+        attempts.to_csv(self.out / "barn.csv", index=False)
+        write_text(self.out / "barn.md", text)
+        print(table.iloc[0].to_json() if self.json else f"{text}\nwritten to {self.out}: barn.csv barn.md")
+        return exit_code
 
     def chosen(self, file: BarnFile) -> list[BarnWorld]:
         worlds = [w for w in file.worlds if self.split == "all" or w.is_test == (self.split == "test")]
@@ -80,10 +80,3 @@ class Barn(RobotOptions):
             what = f"world {missing[0]} among those of --split {self.split}" if missing else "worlds"
             raise InputError(f"{self.file} has no {what}")
         return worlds
-
-
-def drive_world(job: tuple[BarnFile, RobotOptions]) -> dict[str, Any]:
-    from ndtorch_robot.barn import attempt
-
-    file, options = job
-    return attempt(file, file.worlds[0], options)._asdict()

@@ -17,15 +17,12 @@ if TYPE_CHECKING:
     from ndtorch_robot.run_config import RunConfig
     from ndtorch_robot.safety import SafeDrive
 
-STEER, CRAWL = 1.0, 0.2
-"""Curvature of the test turns, 1/m, and speed of the test drives with the wheels up, m/s."""
-
-NEUTRAL_US = 1500
-"""Pulse of the motor at rest, us."""
+CRAWL, NEUTRAL_US = 0.2, 1500
+"""Speed of the test drives with the wheels up, m/s, and pulse of the motor at rest, us."""
 
 MOVES = (
-    ((0.0, STEER), "Did the front wheels turn left and the rear wheels right?"),
-    ((0.0, -STEER), "Did the front wheels turn right and the rear wheels left?"),
+    ((0.0, 1.0), "Did the front wheels turn left and the rear wheels right?"),
+    ((0.0, -1.0), "Did the front wheels turn right and the rear wheels left?"),
     ((CRAWL, 0.0), "Did the wheels turn forward, slowly?"),
     ((-CRAWL, 0.0), "Did they turn backward, after a short brake?"),
 )
@@ -66,10 +63,8 @@ class Check:
             self.say("4. Emergency stop")
             good["emergency_stop"] = self.emergency(safe)
         wrong = [name.replace("_", " ") for name, right in good.items() if not right]
-        if self.json:
-            print(json.dumps(good))
-        else:
-            print(f"not right: {', '.join(wrong)}" if wrong else "all well")
+        words = f"not right: {', '.join(wrong)}" if wrong else "all well"
+        print(json.dumps(good) if self.json else words)
         return 1 if wrong else 0
 
     def say(self, words: str, end: str = "\n") -> None:

@@ -12,23 +12,17 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import Literal, NamedTuple
+from typing import Literal
 
 MARKS = {"works": "ok  ", "missing": "-   ", "fails": "FAIL"}
 
-NEEDED = ("torch", "numpy", "numba", "scipy", "cv2", "av", "serial", "mcap", "rosbags.typesys")
+NEEDED = ("ndtorch", "torch", "numpy", "numba", "scipy", "cv2", "av", "serial", "mcap", "rosbags.typesys")
 """Modules without which something that is always promised does not work; they are loaded."""
 
 OPTIONAL = {"gymnasium": "learning to drive", "rerun": "the viewer", "pyarrow": "Parquet"}
 
-
-class Finding(NamedTuple):
-    """The state of one part, in words, and what to do about it; `"missing"` is what can be done without."""
-
-    part: str
-    state: Literal["works", "missing", "fails"]
-    words: str
-    advice: str = ""
+Finding = tuple[str, Literal["works", "missing", "fails"], str]
+"""A part, its state, where `"missing"` is what can be done without, and what there is, or what to do about it."""
 
 
 @dataclass(frozen=True)
@@ -45,20 +39,19 @@ class Doctor:
 
     def run(self) -> int:
         findings = []
-        for finding in examine():
-            findings.append(finding)
+        for part, state, words in examine():
+            findings.append({"part": part, "state": state, "words": words})
             if not self.json:
-                advice = f"\n{'':29s} -> {finding.advice}" if finding.advice else ""
-                print(f"{MARKS[finding.state]} {finding.part:24s} {finding.words}{advice}", flush=True)
+                print(f"{MARKS[state]} {part:24s} {words}", flush=True)
         seconds = {}
         for name, prepare in preparations() if self.prepare else ():
             began = time.perf_counter()
             prepare()
             seconds[name] = round(time.perf_counter() - began, 3)
             print(f"{seconds[name]:8.1f} s  {name}", file=sys.stderr if self.json else sys.stdout, flush=True)
-        failed = [finding.part for finding in findings if finding.state == "fails"]
+        failed = [finding["part"] for finding in findings if finding["state"] == "fails"]
         if self.json:
-            print(json.dumps({"findings": [f._asdict() for f in findings], "prepared_s": seconds, "failed": failed}))
+            print(json.dumps({"findings": findings, "prepared_s": seconds, "failed": failed}))
         elif failed:
             print(f"does not work: {', '.join(failed)}")
         return 1 if failed else 0
@@ -67,25 +60,21 @@ class Doctor:
 def examine() -> Iterator[Finding]:
     from ndtorch.utils.packages import NAMES
 
-    yield Finding("Python", "works", f"{platform.python_version()} on {platform.platform()}")
-    for module in ("ndtorch", *NEEDED, *OPTIONAL):
-        top = module.split(".")[0]
-        name = NAMES.get(top, top)
+    yield "Python", "works", f"{platform.python_version()} on {platform.platform()}"
+    for module in (*NEEDED, *OPTIONAL):
+        name = NAMES.get(top := module.split(".")[0], top)
         try:
-            if module not in OPTIONAL:
+            if module in NEEDED:
                 import_module(module)
-            yield Finding(name, "works", version(name))
+            yield name, "works", version(name)
         except (ImportError, OSError, PackageNotFoundError) as error:
-            if module in OPTIONAL:
-                yield Finding(name, "missing", f"not installed, for {OPTIONAL[module]}", f"pip install {name}")
-            else:
-                words = f"cannot be loaded ({str(error).splitlines()[0]})"
-                yield Finding(name, "fails", words, f"pip install {name}")
+            why = f"for {OPTIONAL[module]}" if module in OPTIONAL else str(error).splitlines()[0]
+            yield name, "missing" if module in OPTIONAL else "fails", f"not installed ({why}): pip install {name}"
     for check in (processor, kernels, cameras, serial_ports):
         try:
             yield from check()
         except Exception as error:  # whatever is wrong with this machine, the rest is still shown
-            yield Finding(check.__name__, "fails", f"{type(error).__name__}: {error}")
+            yield check.__name__, "fails", f"{type(error).__name__}: {error}"
 
 
 def processor() -> Iterator[Finding]:
@@ -94,8 +83,8 @@ def processor() -> Iterator[Finding]:
     from ndtorch.utils.workers import cores
 
     units, threads = torch.backends.cpu.get_cpu_capability(), torch.get_num_threads()
-    yield Finding("processor", "works", f"{platform.machine()}, {cores()} cores, {units}, {threads} threads")
-    yield Finding("GPU", "works", torch.cuda.get_device_name(0) if torch.cuda.is_available() else "none")
+    yield "processor", "works", f"{platform.machine()}, {cores()} cores, {units}, {threads} threads"
+    yield "GPU", "works", torch.cuda.get_device_name(0) if torch.cuda.is_available() else "none"
 
 
 def kernels() -> Iterator[Finding]:
@@ -104,11 +93,9 @@ def kernels() -> Iterator[Finding]:
     folder = cache_folder()
     if folder is None or not make_private(folder):
         advice = "give the folder to this user alone (chmod 700), or set XDG_CACHE_HOME to another one"
-        yield Finding("kernel cache", "fails", f"{folder} cannot be used: all is compiled at each start", advice)
+        yield "kernel cache", "fails", f"{folder} cannot be used, all is compiled at each start: {advice}"
     else:
-        kept = len(list(folder.rglob("*.nbc")))
-        advice = "" if kept > 50 else "ndtorch doctor --prepare compiles all kernels now instead of at the first start"
-        yield Finding("kernel cache", "works", f"{folder}, {kept} functions", advice)
+        yield "kernel cache", "works", f"{folder}, {len(list(folder.rglob('*.nbc')))} functions; --prepare makes all"
 
 
 def cameras() -> Iterator[Finding]:
@@ -117,16 +104,15 @@ def cameras() -> Iterator[Finding]:
 
     devices = list_devices()
     if len(devices) < 2:
-        words = f"the kernel knows {len(devices)}, two are needed"
-        yield Finding("cameras", "missing", words, "plug both in: lsusb -t")
+        yield "cameras", "missing", f"the kernel knows {len(devices)}, two are needed: plug both in (lsusb -t)"
     for device in devices:
         words = f"{device.name}, {device.by_path or 'without a name by path'}"
         try:
             settings = CameraSettings(left=device.node, right=device.node)
             open_capture(find_source(device.node), settings).release()
-            yield Finding(device.node, "works", words)
+            yield device.node, "works", words
         except InputError as error:
-            yield Finding(device.node, "fails", f"{words}: {error}")
+            yield device.node, "fails", f"{words}: {error}"
 
 
 def serial_ports() -> Iterator[Finding]:
@@ -134,11 +120,11 @@ def serial_ports() -> Iterator[Finding]:
 
     ports = comports()
     if not ports:
-        yield Finding("serial port", "missing", "none", "plug the board in; dmesg says under which name it came")
+        yield "serial port", "missing", "none: plug the board in, dmesg says under which name it came"
     for port in ports:
         usable = os.access(port.device, os.R_OK | os.W_OK)
-        advice = "" if usable else "sudo usermod -aG dialout $USER, and log in again"
-        yield Finding(port.device, "works" if usable else "missing", str(port.description), advice)
+        advice = "" if usable else ": sudo usermod -aG dialout $USER, and log in again"
+        yield port.device, "works" if usable else "missing", f"{port.description}{advice}"
 
 
 def preparations() -> Iterator[tuple[str, Callable[[], object]]]:

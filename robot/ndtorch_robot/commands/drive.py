@@ -81,16 +81,17 @@ class Drive(DriveConfig):
 
 
 def write_results(result: Result, folder: Path) -> None:
-    from ndtorch.navigation.mapping.map_files import save_map
     from ndtorch.report.page import Page, Shown, command_line, versions
+    from ndtorch.report.plots import save
     from ndtorch_robot.drive import FACTS
-    from ndtorch_robot.evaluation.plots import write_plots
+    from ndtorch_robot.evaluation.plots import map_plot, path_plot
+    from ndtorch_robot.navigator_runner import save_runner_map
 
     (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
     names = {"true_path": "pose", "believed_path": "believed", "located_path": "located"}
-    paths = {key: result.record.array(name) for key, name in names.items()}
-    save_map(folder, result.cells, result.plan.grid(), result.walked, result.ndt_cells, **paths)
-    write_plots(result, folder)
+    save_runner_map(folder, result.runner, result.path, **{key: result.record.array(n) for key, n in names.items()})
+    save(path_plot(result), folder / "path.png")
+    save(map_plot(result), folder / "map.png")
     title, *answer = describe(result).splitlines()
     facts = {name: str(result.summary[name]) for name in FACTS} | versions("ndtorch-robot")
     shown = [Shown(folder / f"{name}.png", name, words) for name, words in CAPTIONS.items()]
@@ -114,7 +115,7 @@ def describe(result: Result) -> str:
         lines.append(f"  stood {len(s['faults'])} times because of its cameras; the first: {s['faults'][0]}")
     if s["troubles"]:
         lines.append(f"  stood because {'; '.join(s['troubles'])}")
-    if result.ndt_cells is not None and s["pose_error"]:
+    if result.runner.navigator.localiser is not None and s["pose_error"]:
         labels = {"dead reckoning": s["pose_error"]["believed"], "corrected": s["pose_error"]["located"]}
         words = [f"{name} {e['end_m']:.2f} m and {e['end_degrees']:.1f} degrees" for name, e in labels.items()]
         lines.append(f"  error of the pose at the end: {', '.join(words)}")

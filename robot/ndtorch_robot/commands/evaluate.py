@@ -7,15 +7,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
 from ndtorch.errors import InputError
 from ndtorch_robot.config import DriveConfig
-
-if TYPE_CHECKING:
-    from ndtorch_robot.evaluation.drives import Batch
 
 SEEDS = (1000, 1001, 1002)
 """Seeds that nothing was ever tuned on."""
@@ -25,7 +22,7 @@ SEEDS = (1000, 1001, 1002)
 class Evaluate(DriveConfig):
     """Drive many times, in parallel, and put the results into one table.
 
-    Writes report.html, table.md and drives.jsonl, and keeps every finished drive in DIR/drives:
+    Writes table.md and drives.jsonl, and keeps every finished drive in DIR/drives:
     killed and started again it goes on where it was, and drives of the same options and code are not driven again.
     Ctrl-C keeps what is finished.
     """
@@ -46,8 +43,6 @@ class Evaluate(DriveConfig):
     """Number of drives at a time; 0 is one a core."""
     out: Path = Path("out/evaluate")
     """Folder of the results."""
-    open: bool = False
-    """Open report.html in the browser at the end."""
     json: bool = False
     """Print the rows of the table as JSON."""
     arena: Annotated[str, tyro.conf.Suppress] = ""
@@ -59,15 +54,28 @@ class Evaluate(DriveConfig):
     view: Annotated[str, tyro.conf.Suppress] = ""
 
     def run(self) -> int:
+        from ndtorch.utils.files import write_text
         from ndtorch_robot.evaluation.drives import drive_many, drive_once, key_of
+        from ndtorch_robot.evaluation.table import markdown, table_of
 
         drives = self.drives()
-        batch = drive_many(drive_once, drives, key_of, name_of, lambda d: d.seconds, self.out, processes=self.jobs)
-        self.write_tables(batch)
-        return batch.exit_code()
+        results, exit_code = drive_many(drive_once, drives, key_of, self.seconds, self.out, self.jobs)
+        missing = f"; {len(drives) - len(results)} of {len(drives)} drives are missing" * (len(results) < len(drives))
+        tuned = "; seeds below 1000 were used in tuning" if min(self.seeds) < SEEDS[0] else ""
+        note = f"{self.seconds:g} s a drive, seeds {', '.join(map(str, dict.fromkeys(self.seeds)))}{missing}{tuned}."
+        write_text(self.out / "drives.jsonl", "".join(json.dumps(result) + "\n" for result in results))
+        if not results:
+            print("[]" if self.json else note)
+            return exit_code
+        table = table_of(results)
+        text = markdown(table, note)
+        write_text(self.out / "table.md", text)
+        written = f"written to {self.out}: table.md drives.jsonl"
+        print(table.to_json(orient="records") if self.json else f"{text}\n{written}")
+        return exit_code
 
-    def drives(self) -> list[DriveConfig]:
-        """The options of all drives, checked before the first begins; the seeds vary fastest."""
+    def drives(self) -> dict[str, DriveConfig]:
+        """The options of all drives by name, checked before the first begins; the seeds vary fastest."""
         from ndtorch.navigation import controller_names
         from ndtorch_robot.sim.arenas import ARENAS, BUILDINGS, TESTS, load_arena
         from ndtorch_robot.sim.disturbances import PRESETS
@@ -77,46 +85,17 @@ class Evaluate(DriveConfig):
         arenas = expanded(self.arenas, buildings=BUILDINGS, tests=TESTS, all=ARENAS)
         disturbances = expanded(self.disturbances or (self.disturbance,), all=("", *PRESETS), none=("",))
         choices = (arenas, disturbances, self.controllers or controller_names(), dict.fromkeys(self.seeds))
-        drives = [
-            self.single(arena=arena, disturbance=disturbance, controller=controller, seed=seed, record=None)
+        drives = {
+            ", ".join(filter(None, (arena, f"seed {seed}", controller, disturbance))): self.single(
+                arena=arena, disturbance=disturbance, controller=controller, seed=seed
+            )
             for arena, disturbance, controller, seed in product(*choices)
-        ]
+        }
         for arena, seed in product(arenas, self.seeds):
             load_arena(arena, seed)
         return drives
-
-    def write_tables(self, batch: Batch) -> None:
-        from ndtorch.report.page import NAME, Page, Table, command_line, open_in_browser, versions
-        from ndtorch.utils.files import write_text
-        from ndtorch_robot.evaluation.table import markdown, table_of, text_cells
-
-        folder, results = batch.folder, batch.results
-        missing = f"; {batch.missing} of {batch.missing + len(results)} drives are missing" if batch.missing else ""
-        tuned = "; seeds below 1000 were used in tuning" if min(self.seeds) < SEEDS[0] else ""
-        seeds = ", ".join(str(seed) for seed in dict.fromkeys(self.seeds))
-        note = f"{self.seconds:g} s a drive, seeds {seeds}{missing}{tuned}."
-        write_text(folder / "drives.jsonl", "".join(json.dumps(result) + "\n" for result in results))
-        if not results:
-            print("[]" if self.json else note)
-            return
-        table = table_of(results)
-        text = markdown(table, note)
-        write_text(folder / "table.md", text)
-        hours, hits = table["simulated hours"].sum(), sum(result["collisions"] for result in results)
-        answer = [f"{len(results)} drives, {hours:.2f} simulated hours, {hits} collisions.", note]
-        tables = [Table("All drives together", *text_cells(table))]
-        Page("Many drives", answer, command_line(), versions("ndtorch-robot"), tables).write(folder)
-        written = f"written to {folder}: table.md drives.jsonl report.html"
-        print(table.to_json(orient="records") if self.json else f"{text}\n{written}")
-        if self.open:
-            open_in_browser(folder / NAME)
 
 
 def expanded(words: Iterable[str], **groups: Iterable[str]) -> tuple[str, ...]:
     """Words, with the names of groups replaced by what is in them, each once."""
     return tuple(dict.fromkeys(name for word in words for name in groups.get(word, (word,))))
-
-
-def name_of(config: DriveConfig) -> str:
-    words = (config.arena, f"seed {config.seed}", config.controller, config.disturbance)
-    return ", ".join(filter(None, words))

@@ -12,11 +12,8 @@ import tyro
 
 from ndtorch.errors import InputError
 
-DIFFERENT = 1
-"""Exit code when the frames give other commands than were recorded."""
-
-NOT_ALL = 3
-"""Exit code when the commands are the same as far as they could be compared, and not all could be."""
+DIFFERENT, NOT_ALL = 1, 3
+"""Exit codes when the frames give other commands than were recorded, and when not all could be compared."""
 
 
 @dataclass(frozen=True)
@@ -49,23 +46,21 @@ class Replay:
             if self.rrd is not None:
                 from ndtorch_robot.view import View, open_stream
 
-                views = [View(open_stream(f"replay {self.file.stem}", self.rrd), runner, print_note, wait=True)]
-                stack.callback(views[0].close)
+                stream = open_stream(f"replay {self.file.stem}", self.rrd)
+                views.append(stack.enter_context(View(stream, runner, print_note, wait=True)))
             compared = replay(recording, runner, views, views[0].report if views else None)
-        r = asdict(compared) | {"complete": recording.complete, "missing": recording.missing}
-        if self.json:
-            print(json.dumps(r))
-        else:
-            print(f"{r['steps']} steps of {self.file} replayed")
-            if not r["complete"]:
-                print("  the recording was cut short: its end was not written")
-            if r["missing"]:
-                print(f"  {r['missing']} steps are missing or damaged: the navigator saw less")
-            different = f"  {r['steps'] - r['same']} commands differ, the first in step {r['first_different']}"
-            same = "  the same commands, bit for bit" if r["steps"] else "  nothing was compared"
-            print(same if r["same"] == r["steps"] else different)
+        steps, different = compared.steps, compared.steps - compared.same
+        result = asdict(compared) | {"complete": recording.complete, "missing": recording.missing}
+        lines = [f"{steps} steps of {self.file} replayed"]
+        if not recording.complete:
+            lines.append("  the recording was cut short: its end was not written")
+        if recording.missing:
+            lines.append(f"  {recording.missing} steps are missing or damaged: the navigator saw less")
+        same = "the same commands, bit for bit" if steps else "nothing was compared"
+        words = f"{different} commands differ, the first in step {compared.first_different}" if different else same
+        print(json.dumps(result) if self.json else "\n".join([*lines, f"  {words}"]))
         if self.rrd is not None and (half := why_not_whole(self.rrd)) is not None:
             raise InputError(half)
-        if not r["missing"] and r["same"] < r["steps"]:
+        if different and not recording.missing:
             return DIFFERENT
-        return NOT_ALL if r["missing"] or not r["complete"] or not r["steps"] else 0
+        return 0 if steps and recording.complete and not recording.missing else NOT_ALL

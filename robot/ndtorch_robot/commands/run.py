@@ -49,8 +49,7 @@ class Run:
         from ndtorch_robot.bridges import Opening, open_bridges
         from ndtorch_robot.emergency import HELP, emergency_stops
         from ndtorch_robot.navigator_runner import WalkedPath, save_runner_map
-        from ndtorch_robot.recording import Recorder
-        from ndtorch_robot.run import open_car, real_time_priority, timed_report
+        from ndtorch_robot.run import observe, open_car, real_time_priority, timed_report
         from ndtorch_robot.run_config import read_run_config
 
         if self.seconds is not None and not self.seconds > 0:
@@ -59,8 +58,8 @@ class Run:
         if self.save_map is not None and not config.navigation.map_half_size_m:
             raise InputError("--save-map needs a map: set map_half_size_m in [navigation], in m from the start")
         torch.set_num_threads(1)
-        printed = timed_report()
-        reports, recorder, view, folder = [printed], None, None, None
+        printed, path, folder = timed_report(), WalkedPath(), None
+        reports = [printed]
 
         def report(line: str) -> None:
             for show in reports:
@@ -69,22 +68,15 @@ class Run:
         real_time_priority(report)
         with contextlib.ExitStack() as stack:
             if self.save_map is not None:
-                folder, path = RunFolder(self.save_map), WalkedPath()
+                folder = RunFolder(self.save_map)
                 stack.callback(folder.discard)
             car = stack.enter_context(open_car(config, report, self.go))
             stack.enter_context(emergency_stops(car.safe, car.ended))
-            if self.record is not None:
-                recorder = stack.enter_context(Recorder(self.record, car.runner, report=report))
-                car.observers.append(recorder)
-            if self.rrd is not None or self.view:
-                from ndtorch_robot.view import View, open_stream
-
-                view = View(open_stream(f"run {self.config.stem}", self.rrd, self.view), car.runner, printed)
-                stack.callback(view.close)
-                car.observers.append(view)
+            name = f"run {self.config.stem}"
+            recorder, view = stack.enter_context(observe(car, name, self.record, self.rrd, self.view, printed))
+            if view is not None:
                 reports.append(view.report)
-            if folder is not None:
-                car.observers.append(path)
+            car.observers.append(path)
             opening = Opening(report, car.runner, car.drive)
             car.observers += stack.enter_context(open_bridges(config.bridges, opening))
             report(f"ready; {HELP if sys.stdin.isatty() else 'SIGUSR1: go, SIGTERM: stop and end'}")
@@ -97,11 +89,10 @@ class Run:
                 save_runner_map(folder.work, car.runner, path)
                 folder.publish()
                 summary["map"] = str(folder.final)
-            if recorder is not None:
-                recorder.close()
-                summary["recording"] = recorder.summary()
-            if view is not None:
-                summary["view"] = {"shown": view.shown, "dropped": view.dropped, "failed": view.failed}
+        if recorder is not None:
+            summary["recording"] = recorder.summary()
+        if view is not None:
+            summary["view"] = {"shown": view.shown, "dropped": view.dropped, "failed": view.failed}
         print(json.dumps(summary) if self.json else "\n".join(summary_lines(summary)))
         half = None if self.rrd is None else why_not_whole(self.rrd)
         if half is not None:

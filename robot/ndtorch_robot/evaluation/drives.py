@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,90 +20,63 @@ from ndtorch.utils.packages import code_digest, toml_file
 from ndtorch_robot.config import DriveConfig, RobotOptions
 from ndtorch_robot.sim.arenas import FILES
 
-REPORT_EVERY = 0.5
-"""Seconds between two reports of a worker."""
-
 Job = TypeVar("Job")
-
-
-@dataclass
-class Batch:
-    """What came of many drives.
-
-    Attributes:
-        folder: of the results.
-        results: of the drives that are finished, in their order.
-        missing: number of the others.
-        troubles: why drives could not be done, a line each.
-        interrupted: by Ctrl-C.
-    """
-
-    folder: Path
-    results: list[dict[str, Any]]
-    missing: int
-    troubles: list[str]
-    interrupted: bool
-
-    def exit_code(self) -> int:
-        """Print the troubles; returns the exit code of the command."""
-        for trouble in self.troubles:
-            print(f"failed: {trouble}", file=sys.stderr)
-        return INTERRUPTED if self.interrupted else INCOMPLETE if self.troubles else 0
+Result = dict[str, Any]
 
 
 def drive_many(
-    work: Callable[[Job], dict[str, Any]],
-    jobs: Sequence[Job],
+    work: Callable[[Job], Result],
+    jobs: Mapping[str, Job],
     key: Callable[[Job], Any],
-    label: Callable[[Job], str],
-    size: Callable[[Job], float],
+    seconds: float,
     out: Path,
-    *,
     processes: int = 0,
-) -> Batch:
+) -> tuple[list[Result], int]:
     """Do those jobs whose results are not in `out`/drives, where they stay for the next time.
 
     Args:
         work: does one job in a process of its own.
+        jobs: by the names that messages give them.
         key: what the result depends on, for JSON.
-        label: name for people.
-        size: for the progress, in s.
+        seconds: simulated time of a job, for the progress.
         processes: number of jobs at a time; 0 is one a core.
+
+    Returns:
+        The results of the jobs that are finished, in their order, and the exit code of the command.
     """
     from ndtorch.run.progress import progress_bar
 
     if processes < 0:
         raise InputError(f"--jobs must be 1 or more, got {processes}")
     code = code_digest(("ndtorch", "ndtorch_robot"), ("torch", "numpy"))
-    names = [digest([key(job), code]) for job in jobs]
     make_writable(out)
-    kept = out / "drives"
-    kept.mkdir(exist_ok=True)
-    missing = [n for n, name in enumerate(names) if finished(kept / f"{name}.json") is None]
-    troubles, interrupted = list[str](), False
+    (out / "drives").mkdir(exist_ok=True)
+    files = {name: out / "drives" / f"{digest([key(job), code])}.json" for name, job in jobs.items()}
+    missing = [name for name, file in files.items() if finished(file) is None]
+    exit_code = 0
     form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s, {rate_fmt}, {remaining} left"
-    bar = progress_bar(sum(size(jobs[n]) for n in missing), desc=f"{len(missing)} to do", unit="x", bar_format=form)
-    tasks = [jobs[n] for n in missing]
+    bar = progress_bar(seconds * len(missing), desc=f"{len(missing)} to do", unit="x", bar_format=form)
+    tasks = [jobs[name] for name in missing]
     with bar, closing(workers.run_tasks(work, tasks, processes or workers.cores())) as events:
         try:
             for kind, task, value in events if missing else ():
                 if kind == "done":
                     # Written beside and moved, so that there is never half of it.
-                    write_text(kept / f"{names[missing[task]]}.json", json.dumps(value) + "\n")
+                    write_text(files[missing[task]], json.dumps(value) + "\n")
                 else:
-                    troubles.append(f"{label(tasks[task])}: {str(value).strip().splitlines()[-1]}")
-                bar.update(size(tasks[task]))
+                    print(f"failed: {missing[task]}: {str(value).strip().splitlines()[-1]}", file=sys.stderr)
+                    exit_code = INCOMPLETE
+                bar.update(seconds)
         except KeyboardInterrupt:
-            interrupted = True
-    results = [result for name in names if (result := finished(kept / f"{name}.json")) is not None]
-    return Batch(out, results, len(jobs) - len(results), troubles, interrupted)
+            exit_code = INTERRUPTED
+    return [result for file in files.values() if (result := finished(file)) is not None], exit_code
 
 
 def digest(values: Any) -> str:
     return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
-def finished(file: Path) -> dict[str, Any] | None:
+def finished(file: Path) -> Result | None:
     """The result in a file; None without one that can be read."""
     try:
         result = json.loads(read_text(file, TABLE_BYTES))
@@ -121,7 +94,7 @@ def key_of(options: RobotOptions) -> list[Any]:
     return [values, *map(read_text, files)]
 
 
-def drive_once(config: DriveConfig) -> dict[str, Any]:
+def drive_once(config: DriveConfig) -> Result:
     """Summary of one drive."""
     from ndtorch_robot.drive import drive
 

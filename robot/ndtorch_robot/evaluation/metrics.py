@@ -20,9 +20,6 @@ NEAR = 0.10
 FAINTEST = 0.02
 """A peak of the map counts when it is at least this part of its largest."""
 
-CAMERA_HEIGHT = 0.2
-"""Height of the cameras, m; what does not reach there is not ranged."""
-
 CONTRAST, WITHIN = 0.08, 0.02
 """Smallest jump of brightness that is an edge (ND-min answers it with 0.01, the weakest that is a feature), and the
 length of wall in which it jumps, m."""
@@ -64,8 +61,8 @@ class Edges(NamedTuple):
     normals: Floats
 
 
-def true_edges(plan: Plan, profiles: list[Floats], height: float = CAMERA_HEIGHT) -> Edges:
-    """Where brightness jumps by `CONTRAST` along a wall or between walls, and convex corners, at `height`."""
+def true_edges(plan: Plan, profiles: list[Floats], height: float) -> Edges:
+    """Where brightness jumps by `CONTRAST` along a wall or between walls, and convex corners, at a height, m."""
     rows: list[tuple[Floats, bool, Floats, Floats]] = []
     first = 0
     for shape in plan.rings:

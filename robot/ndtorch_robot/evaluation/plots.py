@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import textwrap
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ndtorch.navigation import REVERSE, TURN, Grid
-from ndtorch.report.plots import DPI, save
+from ndtorch.report.plots import DPI
 from ndtorch_robot.drive import Result
 from ndtorch_robot.sim.plan import Floats, Plan
 
@@ -22,11 +21,6 @@ BLUE, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#009e73", "#cc79a7", "#e69f00", "
 
 SURFACES = {"wall": "0.2", "blank": "0.6", "door": "#a05a2c", "jamb": "0.2", "pillar": "0.2", "furniture": "#b08d57"}
 """Color of each kind of surface."""
-
-
-def write_plots(result: Result, folder: Path) -> None:
-    save(path_plot(result), folder / "path.png")
-    save(map_plot(result), folder / "map.png")
 
 
 def draw_plan(axes: Axes, plan: Plan, faint: bool = False) -> None:
@@ -69,15 +63,13 @@ def plan_axes(plan: Plan, title: str, faint: bool = False) -> tuple[Figure, Axes
 
 def path_plot(result: Result) -> Figure:
     """The true path over the true plan, with turns, collisions and stops."""
-    record, hits = result.record, result.simulation.collisions
-    s, c = result.summary, result.config
-    title = f"{c.arena}, seed {c.seed}, {c.controller}: {s['distance_m']:.0f} m in {s['simulated_seconds']:.0f} s; "
-    title += f"turns {record.turns}, collisions {len(hits)}, stops {len(result.stops)}"
+    record, hits, s = result.record, result.simulation.collisions, result.summary
+    title = f"{s['arena']}, seed {s['seed']}, {s['controller']}: {s['distance_m']:.0f} m "
+    title += f"in {s['simulated_seconds']:.0f} s; turns {s['turns']}, collisions {len(hits)}, stops {s['stopped']}"
     figure, axes = plan_axes(result.plan, title)
     pose, line, mode = record.array("pose"), record.track(), record.array("mode")
     stops = np.searchsorted(record.array("time"), result.stops).clip(max=max(len(pose) - 1, 0))
     walk = np.array(result.simulation.walk or np.zeros((0, 2)))
-    moved = np.array(record.placed[1:], np.int64)
     for places, style, color, label in (
         (walk, ":", PURPLE, "path of the pedestrian"),
         (line, "-", BLUE, "path"),
@@ -86,7 +78,7 @@ def path_plot(result: Result) -> Figure:
         (pose[:1], "o", GREEN, "start"),
         (pose[-1:], "D", "#222222", "end of the path"),
         (np.array([(h.x, h.y) for h in hits]).reshape(-1, 2), "X", "#cc0000", "collision"),
-        (pose[moved], "o", "0.6", "respawned"),
+        (pose[np.array(record.placed[1:], np.int64)], "o", "0.6", "respawned"),
         (pose[stops] if len(pose) else pose, "s", "#7b3294", "stopped"),
     ):
         if np.isfinite(places).any():
@@ -99,11 +91,10 @@ def map_plot(result: Result) -> Figure:
     """The map in red over the true plan: the darker, the more certain."""
     score = {key: value for key, value in result.summary["map"].items() if value is not None}
     figure, axes = plan_axes(result.plan, "map: " + ", ".join(f"{k} {v:.2f}" for k, v in score.items()), faint=True)
-    cells = result.cells.numpy()
+    limits, cells = (axes.get_xlim(), axes.get_ylim()), result.cells.numpy()
     draw_cells(axes, cells, result.plan.grid(), max(1, round(max(cells.shape) / 1400)))
     axes.plot(*result.record.track("located").T, color=BLUE, lw=1.0, alpha=0.6, zorder=3, label="path as believed")
     axes.plot([], [], color=(0.8, 0, 0), lw=4, label="map: features that were confirmed")
-    left, right, bottom, top = result.plan.bounds
-    axes.set(xlim=(left - 0.5, right + 0.5), ylim=(bottom - 0.5, top + 0.5))
+    axes.set(xlim=limits[0], ylim=limits[1])
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ndtorch.navigation import StereoRig, Strips
 from ndtorch_robot.navigator_runner import NavigatorRunner
-from ndtorch_robot.ports import DriveCommand, Step
+from ndtorch_robot.ports import Step
 
 KEPT_ROWS = 900
 """Frames whose rows are kept for the space-time plot: the first half minute."""
@@ -17,65 +18,50 @@ KEPT_ROWS = 900
 Floats = npt.NDArray[np.float64]
 Pose = tuple[float, float, float]
 
+POSES = ("pose", "believed", "located")
+"""True poses, those by dead reckoning, and those of the localiser, or by dead reckoning where there is none."""
+NAMES = ("time", *POSES, "command", "sides", "difference", "mode", "ranges")
+
 
 class Record:
-    """An observer that keeps every step in which the navigator was asked; `array` makes its lists arrays.
+    """An observer that keeps every step in which the navigator was asked.
 
     Args:
         runner: of the car.
         true_pose: for the scorer.
 
     Attributes:
-        time: s.
-        pose: true x, y, heading.
-        believed: the same by dead reckoning.
-        located: the same as corrected by the localiser; by dead reckoning where there is none.
-        command: speed and curvature sent.
-        sides: speed estimates, left and right.
-        difference: what the controller weighed; see its `trace`.
-        mode: of the controller.
-        ranges: left range, left angle, right angle, valid, each `[n]`.
+        values: of every step by name, see `NAMES`; ranges are left range, left angle, right angle, valid, `[4, n]`.
         rows: both grey rows, uint8 `[2, W]`, of the first `KEPT_ROWS` frames.
         placed: numbers of the frames before which the car was moved to another place; the first is the start.
     """
 
     def __init__(self, runner: NavigatorRunner, true_pose: Callable[[], Pose]) -> None:
         self.runner, self.true_pose = runner, true_pose
-        self.time: list[float] = []
-        self.pose: list[Pose] = []
-        self.believed: list[Pose] = []
-        self.located: list[Pose] = []
-        self.command: list[DriveCommand] = []
-        self.sides: list[Floats] = []
-        self.difference: list[float] = []
-        self.mode: list[int] = []
-        self.ranges: list[npt.NDArray[np.float32]] = []
+        self.values: dict[str, list[Any]] = {name: [] for name in NAMES}
         self.rows: list[npt.NDArray[np.uint8]] = []
         self.placed: list[int] = []
 
     def __call__(self, step: Step) -> None:
         frames, state = step.frames, step.state
         if step.placed is not None:
-            self.placed.append(len(self.time))
+            self.placed.append(len(self.values["time"]))
         if frames is None or state is None:
             return
-        self.time.append(frames.time)
-        self.pose.append(self.true_pose())
-        for poses, pose in ((self.believed, state.pose), (self.located, state.place)):
-            poses.append((float(pose.x), float(pose.y), float(pose.heading)))
-        self.command.append(step.sent)
-        self.sides.append(np.asarray(state.sides, np.float64))
-        self.difference.append(float(state.difference))
-        self.mode.append(self.runner.mode())
+        poses = self.true_pose(), *(tuple(map(float, pose)) for pose in (state.pose, state.place))
         r = state.ranges
-        self.ranges.append(np.stack((r.left_range, r.left_angle, r.right_angle, r.valid)).astype(np.float32))
+        ranges = np.stack((r.left_range, r.left_angle, r.right_angle, r.valid)).astype(np.float32)
+        motion = np.asarray(state.sides, np.float64), float(state.difference)
+        values = (frames.time, *poses, step.sent, *motion, self.runner.mode(), ranges)
+        for name, value in zip(NAMES, values, strict=True):
+            self.values[name].append(value)
         if len(self.rows) < KEPT_ROWS:
-            self.rows.append(np.stack([grey_row(frame, self.runner.rig) for frame in (frames.left, frames.right)]))
+            self.rows.append(np.stack([grey_row(frame, self.runner.rig) for frame in frames[:2]]))
 
     def array(self, name: str) -> Floats:
-        """One of the lists; poses are `[T, 3]`."""
-        values = np.array(getattr(self, name), dtype=np.float64)
-        return values.reshape(-1, 3) if name in ("pose", "believed", "located") else values
+        """The values of all steps; poses are `[T, 3]`."""
+        values = np.array(self.values[name], dtype=np.float64)
+        return values.reshape(-1, 3) if name in POSES else values
 
     @property
     def turns(self) -> int:
@@ -84,18 +70,18 @@ class Record:
         side = np.where(speed > 0, np.sign(curvature), 0.0)
         return int(((side != 0) & (side != np.concatenate(([0.0], side[:-1])))).sum())
 
+    def track(self, name: str = "pose") -> Floats:
+        """Places of a list of poses as a line `[T, 2]`, with NaN where the car was carried."""
+        line = self.array(name)[:, :2].copy()
+        line[np.array(self.placed[1:], dtype=np.int64)] = np.nan
+        return line
+
     @property
     def distance(self) -> float:
         """Metres driven, without being carried."""
         steps = np.hypot(*np.diff(self.array("pose")[:, :2], axis=0).T)
         steps[np.array(self.placed[1:], dtype=np.int64) - 1] = 0.0
         return float(steps.sum())
-
-    def track(self, name: str = "pose") -> Floats:
-        """Places of a list of poses as a line `[T, 2]`, with NaN where the car was carried."""
-        line = self.array(name)[:, :2].copy()
-        line[np.array(self.placed[1:], dtype=np.int64)] = np.nan
-        return line
 
 
 def pose_error(poses: Floats, true: Floats) -> tuple[Floats, Floats]:

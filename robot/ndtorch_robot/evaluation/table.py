@@ -1,4 +1,4 @@
-"""The table of an evaluation: one row for all drives of a controller in an arena, under one disturbance."""
+"""Tables of many drives."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from typing import Any
 import pandas as pd
 
 WORDS = ["arena", "walls", "controller", "disturbance"]
-"""Columns that name a row."""
+"""Columns of words, which name a row."""
 
-FORMS = {"drives": "{:.0f}", "simulated hours": "{:.2f}", "m driven": "{:.0f}", "pose error degrees": "{:.2f}"}
+FORMS = {
+    **dict.fromkeys(("drives", "m driven", "worlds"), "{:.0f}"),
+    **dict.fromkeys(("simulated hours", "pose error degrees", "success", "collided"), "{:.2f}"),
+    "score": "{:.3f}",
+}
 """How numbers are written; others with one decimal, and percentages without any."""
 
 
 def table_of(summaries: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """One row for all drives with the same words; columns in which no drive has anything to say are left out."""
+    """One row for all drives of a controller in an arena; columns without any value are left out."""
     maps = [f"map.{name}" for name in ("precision", "surfaces", "recall")]
     errors = [f"pose_error.located.{name}" for name in ("median_m", "median_degrees")]
     drives = pd.json_normalize(list(summaries))
@@ -44,18 +48,15 @@ def table_of(summaries: Sequence[dict[str, Any]]) -> pd.DataFrame:
     return table.loc[:, (table.notna() & (table != "")).any()]
 
 
-def text_cells(table: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
-    forms = {name: FORMS.get(name, "{:.0f}" if name.endswith("%") else "{:.1f}") for name in table}
-    cells = [
-        [str(v) if name in WORDS else "" if pd.isna(v) else forms[name].format(v) for name, v in row.items()]
-        for row in table.to_dict("records")
-    ]
-    return list(table), cells
-
-
 def markdown(table: pd.DataFrame, note: str) -> str:
     """The table in Markdown, with a line below it that says how it was made."""
-    names, cells = text_cells(table)
-    rule = "|".join("---" if name in WORDS else "---:" for name in names)
-    rows = ["| " + " | ".join(cell or "-" for cell in row) + " |" for row in (names, *cells)]
-    return "\n".join([*rows[:1], f"|{rule}|", *rows[1:], "", note, ""])
+
+    def cell(name: str, value: Any) -> str:
+        if name in WORDS or pd.isna(value):
+            return str(value) if name in WORDS and value else "-"
+        return FORMS.get(name, "{:.0f}" if name.endswith("%") else "{:.1f}").format(value)
+
+    rows = [list(table), *([cell(*pair) for pair in row.items()] for row in table.to_dict("records"))]
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    rule = "|".join("---" if name in WORDS else "---:" for name in table)
+    return "\n".join([lines[0], f"|{rule}|", *lines[1:], "", note, ""])
