@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.arguments import check_number, is_finite
-from ndtorch.binding.learning import NetworkState
-from ndtorch.binding.network import InhibitoryNetwork
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.rules import learning_rule
 from ndtorch.errors import InputError

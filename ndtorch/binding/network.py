@@ -1,42 +1,93 @@
-"""The recurrent network: one class for all networks of all models."""
+"""The recurrent network: one class for all networks of all models, its state, and whether it has converged."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import Any, Self
+from collections.abc import Iterator
+from typing import Any, Literal, NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
-from ndtorch.binding.learning import (
-    FEEDBACKS,
-    Feedback,
-    Moment,
-    NetworkState,
-    WhenFull,
-    held,
-    inhibit,
-    latest_changes,
-    through,
-)
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
 from ndtorch.errors import InputError
 from ndtorch.utils.backend import Backend, check_backend
-from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import low_pass, low_pass_step, smoothing_factor
 
+Feedback = Literal["delayed", "settled"]
+WhenFull = Literal["rescale", "stop"]
 MOST_NEURONS = 8192
 """Their weights are N x N: 256 MiB in single precision."""
 
 
-def learning(rule: Rule | str | None) -> Rule | None:
-    """A rule or the rule of a name; None where it changes nothing."""
-    rule = learning_rule(rule) if isinstance(rule, str) else rule
-    if rule is not None and not all(hasattr(rule, name) for name in ("name", "learns", "rate", "change")):
-        raise InputError(f"rule must be a learning rule, the name of one, or None, got {repr(rule)[:40]}")
-    return rule if rule is not None and rule.learns else None
+class NetworkState(NamedTuple):
+    """Everything of the network that changes. Save it and the run can go on from there, bit for bit.
+
+    Shapes are those of a network by itself; with `shared` weights, F fields have `[..., F, N]` for `[..., N]` in all
+    but `fluctuation`.
+
+    Attributes:
+        weights: inhibition from neuron k to neuron n, `[..., N, N]`, diagonal zero.
+        outputs: the latest outputs, `[..., N]`.
+        input_low: what the input high-pass has taken for the mean, `[..., N]`.
+        output_low: the same for the outputs in the learning rule, `[..., N]`.
+        recent: the latest inputs since the last change of the weights and before, `[..., E - 1, N]`, oldest first.
+        fluctuation: running mean of o'^2, summed over fields, `[..., N]`, if the rule looks at it.
+        clock: time steps that the clock of the learning has run, float64 scalar.
+        stopped: networks whose learning has ended, `[...]`, bool.
+        mean_weights: running temporal mean of the weights, `[..., N, N]`.
+        changes: summed magnitude of the changes of that mean at each recent change, `[..., S]`, oldest first.
+        power: recent mean of squared outputs, `[..., N]`.
+        roughness: recent mean of squared differences of successive outputs, `[..., N]`.
+        steps: time steps taken since the start, int64 scalar.
+    """
+
+    weights: Tensor
+    outputs: Tensor
+    input_low: Tensor
+    output_low: Tensor
+    recent: Tensor
+    fluctuation: Tensor
+    clock: Tensor
+    stopped: Tensor
+    mean_weights: Tensor
+    changes: Tensor
+    power: Tensor
+    roughness: Tensor
+    steps: Tensor
+
+
+def settled(weights: Tensor) -> Tensor:
+    """The gain `(I + W)^-1`: what the network makes of a steady input, `[..., N, N]`. [C eq. 2]
+
+    It is what `o(t + dt) = i - W o(t)` comes to rest at, so it needs no short time step. It exists: the spectral
+    radius of |W| stays below 1, so -1 is no eigenvalue of W.
+    """
+    eye = torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device)
+    inverse: Tensor = torch.linalg.inv_ex(eye + weights)[0]
+    return inverse
+
+
+def weight_change(state: NetworkState) -> Tensor:
+    """Summed magnitude of the changes of all mean weights over the recent window, `[...]`. [C eq. 5]
+
+    As printed, the sum is over the weights themselves; but weights ripple with the fluctuations they are learned
+    from, the more the faster they learn, and it is their temporal mean that settles [B §3.4.1]. `tau_mean=0`
+    gives the printed sum.
+    """
+    return state.changes.sum(-1)
+
+
+def alternation(state: NetworkState) -> Tensor:
+    """How much of the outputs' recent power flips sign from sample to sample, `[...]`, 0 to 1.
+
+    For a pure alternation the squared difference of successive outputs is four times their power; for signals
+    that are slow against the time step it is near zero, and with settled feedback it is zero.
+    """
+    power, roughness = state.power, state.roughness
+    over = tuple(range(state.stopped.ndim, power.ndim))
+    return roughness.sum(over) / (4 * power.sum(over)).clamp_min(torch.finfo(power.dtype).tiny)
 
 
 class InhibitoryNetwork(nn.Module):
@@ -62,7 +113,7 @@ class InhibitoryNetwork(nn.Module):
         every: seconds between changes of the weights with settled feedback; the rule takes the mean in between.
         faint: the clock of the learning stands still while the fluctuations of all features together, root mean square,
             are below this in every field, so that nothing is forgotten in quiet times, nor learned from noise; 0: it
-            never does.
+            never does. For settled feedback, one trial at a time, and not in exported programs.
         when_full: what happens to a network that meets its rule's limit on the spectral radius: its weights are scaled
             back ("rescale", the second stage), or its learning ends as well ("stop", the first stage).
         window: seconds over which `weight_change` sums, tau_s of [C eq. 5].
@@ -87,6 +138,9 @@ class InhibitoryNetwork(nn.Module):
     """
 
     initial: Tensor | None
+    decay: Tensor
+    lagged: Tensor
+    power_shares: Tensor
 
     def __init__(
         self,
@@ -112,31 +166,38 @@ class InhibitoryNetwork(nn.Module):
         if not (is_whole(neurons) and 2 <= neurons <= MOST_NEURONS):
             raise InputError(f"neurons must be a whole number from 2 to {MOST_NEURONS}, got {repr(neurons)[:40]}")
         check_number("dt", dt, above=0, unit="seconds")
-        if feedback not in FEEDBACKS:
-            raise InputError(f"feedback must be one of {', '.join(FEEDBACKS)}, got {feedback!r}")
+        if feedback not in ("delayed", "settled"):
+            raise InputError(f"feedback must be 'delayed' or 'settled', got {feedback!r}")
         if when_full not in ("rescale", "stop"):
             raise InputError(f"when_full must be 'rescale' or 'stop', got {when_full!r}")
         if initial is not None:
             check_tensor("initial", initial)
-        if initial is not None and initial.shape != (neurons, neurons):
-            raise InputError(f"initial weights must be [{neurons}, {neurons}], got {tuple(initial.shape)}")
-        if initial is not None and ((initial < 0).any() or initial.diagonal().any()):
-            raise InputError("initial weights must not be negative, and zero on the diagonal")
-        seconds = {"settle": settle, "window": window, "every": every}
-        for name, value in {**seconds, "faint": faint}.items():
-            check_number(name, value, least=0, unit="seconds" if name in seconds else "")
-        if feedback == "delayed" and every > dt:
-            raise InputError(f"with delayed feedback the weights change at every step of {dt} s, got every={every}")
+            if initial.shape != (neurons, neurons):
+                raise InputError(f"initial weights must be [{neurons}, {neurons}], got {tuple(initial.shape)}")
+            if (initial < 0).any() or initial.diagonal().any():
+                raise InputError("initial weights must not be negative, and zero on the diagonal")
+        for name, value in {"settle": settle, "window": window, "every": every, "faint": faint}.items():
+            check_number(name, value, least=0, unit="" if name == "faint" else "seconds")
+        if feedback == "delayed" and (every > dt or faint):
+            raise InputError(f"delayed feedback changes its weights at every step, got every={every}, faint={faint}")
         self.neurons, self.dt, self.shared, self.backend = neurons, dt, shared, check_backend(backend)
-        self.a_in, self.a_rough = smoothing_factor(tau_in, dt, "tau_in"), smoothing_factor(tau_rough, dt, "tau_rough")
-        self.every = max(1, round(every / dt))
-        self.output_low = BlockLowPass(smoothing_factor(tau_out, dt, "tau_out"), self.every)
-        self.mean_square = BlockLowPass(smoothing_factor(tau_power, dt, "tau_power"), self.every)
         self.feedback, self.settle, self.faint, self.when_full = feedback, settle, faint, when_full
+        self.every, self.rule, self.time = max(1, round(every / dt)), rule, -3 if shared else -2
+        self.a_in, self.a_rough = smoothing_factor(tau_in, dt, "tau_in"), smoothing_factor(tau_rough, dt, "tau_rough")
+        self.a_out, self.a_power = (
+            smoothing_factor(tau_out, dt, "tau_out"),
+            smoothing_factor(tau_power, dt, "tau_power"),
+        )
         self.a_mean = smoothing_factor(tau_mean, dt * self.every, "tau_mean")
-        self.rule, self.time = rule, -3 if shared else -2
         self.window_changes = max(1, round(window / (dt * self.every)))
         self.register_buffer("initial", initial)
+        # A low-pass over a block at once: l_j = (1 - a)^(j + 1) l + a sum_i (1 - a)^(j - i) x_i. In double precision,
+        # and rounded where they are used: signals of either precision get all that they can hold.
+        steps = torch.arange(self.every, dtype=torch.float64)
+        self.register_buffer("decay", ((1 - self.a_out) ** (steps + 1)).unsqueeze(-1))
+        late = (steps[:, None] - steps).clamp_min(0)
+        self.register_buffer("lagged", (self.a_out * (1 - self.a_out) ** late).tril())
+        self.register_buffer("power_shares", self.a_power * (1 - self.a_power) ** steps.flip(0))
 
     @property
     def rule(self) -> Rule | None:
@@ -149,7 +210,10 @@ class InhibitoryNetwork(nn.Module):
 
     @rule.setter
     def rule(self, rule: Rule | str | None) -> None:
-        self._rule = learning(rule)
+        rule = learning_rule(rule) if isinstance(rule, str) else rule
+        if rule is not None and not all(hasattr(rule, name) for name in ("name", "learns", "rate", "change")):
+            raise InputError(f"rule must be a learning rule, the name of one, or None, got {repr(rule)[:40]}")
+        self._rule = rule if rule is not None and rule.learns else None
 
     @classmethod
     def scale_free(cls, neurons: int = 10, dt: float = 0.01, rule: Rule | None = None, **options: Any) -> Self:
@@ -174,7 +238,7 @@ class InhibitoryNetwork(nn.Module):
             output_low=torch.zeros_like(first),
             recent=first.new_zeros(*batch, self.every - 1, *first.shape[len(batch) :]),
             fluctuation=first.new_zeros(*batch, n),
-            clock=first.new_zeros(batch, dtype=torch.float64),
+            clock=torch.zeros((), dtype=torch.float64, device=first.device),
             stopped=torch.zeros(batch, dtype=torch.bool, device=first.device),
             mean_weights=weights.clone(),
             changes=first.new_zeros(*batch, self.window_changes),
@@ -185,7 +249,14 @@ class InhibitoryNetwork(nn.Module):
 
     def forward(self, inputs: Tensor, state: NetworkState | None = None) -> tuple[Tensor, NetworkState]:
         check_state(state, NetworkState)
-        self._check(inputs)
+        shape = f"[..., T, {'F, ' if self.shared else ''}{self.neurons}]"
+        check_tensor("inputs", inputs, half=False)
+        if inputs.ndim < -self.time or inputs.shape[-1] != self.neurons:
+            raise InputError(f"inputs must be {shape}, got {tuple(inputs.shape)}")
+        if inputs.shape[self.time] == 0:
+            raise InputError(f"inputs must hold at least one time step, got {tuple(inputs.shape)}")
+        if self.faint and inputs.ndim > -self.time:
+            raise InputError(f"inputs must be of one trial where faint > 0, got {tuple(inputs.shape)}")
         check_batch(state, inputs.shape[: self.time], "weights", "outputs")
         return self.scan(inputs, state)
 
@@ -197,172 +268,175 @@ class InhibitoryNetwork(nn.Module):
         if self.a_in:
             lows, input_low = low_pass(inputs, input_low, self.a_in, time)
             drive = inputs - lows
-        outs, now = [], state
-        shifts: list[tuple[Tensor, Tensor | None]] = []
-        blocks: Sequence[Tensor]
-        whole: Sequence[Tensor | None]
-        compiled = torch.compiler.is_compiling()
-        if self.feedback == "delayed":
-            first = (state.steps if compiled else int(state.steps)) + 1
-            blocks, whole = drive.unbind(time), [None] * inputs.shape[time]
-        else:
-            stretch = Stretch(state.recent, drive, state.steps, self.every, time)
-            first, blocks, whole = stretch.first, stretch.blocks, stretch.whole
-        ahead = self._moments(state, first, len(blocks), drive.select(time, 0)) if blocks else iter(())
-        moment = next(ahead, None)
-        for block, known in zip(blocks, whole, strict=True):
-            out, after, shift = self._step(block, now, moment)
-            if known is not None:
-                # An exported program cannot skip a block that is not whole yet: it takes nothing from it.
-                after = NetworkState(*(torch.where(known, a, b) for a, b in zip(after, now, strict=True)))
-            # Asleep, the clock stands still.
-            if not self.faint or after.clock is not now.clock:
-                moment = next(ahead, None)
-            now = after
-            outs.append(out)
-            if shift is not None:
-                shifts.append((shift, known))
-        if self.feedback == "delayed":
-            out = torch.stack(outs, time)
-        else:
-            out = stretch.joined(outs, lambda rest: through(rest, now.weights, self.shared))
-            now = now._replace(recent=stretch.recent)
-        power, roughness = state.power, state.roughness
-        if self.feedback == "delayed":  # settled networks cannot alternate
-            power, roughness = self._diagnose(out, state, time)
+        delayed = self.feedback == "delayed"
+        out, after, shifts = self._delayed(drive, state) if delayed else self._settled(drive, state)
+        power, roughness, changes = state.power, state.roughness, state.changes
+        if delayed:  # settled networks cannot alternate
+            power, roughness = self._diagnose(out, state)
+        for shift, known in shifts if torch.compiler.is_compiling() else ():
+            later = torch.cat([changes[..., 1:], shift.unsqueeze(-1)], -1)
+            changes = later if known is None else torch.where(known, later, changes)
+        if shifts and not torch.compiler.is_compiling():
+            changes = torch.cat([changes, *(shift.unsqueeze(-1) for shift, _ in shifts)], -1)
         steps = state.steps + inputs.shape[time]
-        return out, now._replace(
+        return out, after._replace(
             outputs=out.select(time, -1),
             input_low=input_low,
-            clock=now.clock if self.faint else torch.zeros_like(now.clock) + steps,
-            changes=latest_changes(state.changes, shifts) if shifts else state.changes,
+            clock=after.clock if self.faint else torch.zeros_like(after.clock) + steps,
+            changes=changes[..., changes.shape[-1] - self.window_changes :],
             power=power,
             roughness=roughness,
             steps=steps,
         )
 
-    def _moments(self, state: NetworkState, first: int | Tensor, count: int, like: Tensor) -> Iterator[Moment]:
-        """What depends on time alone, at every change of the weights to come; nothing where each has its own clock."""
-        if self.rule is None or (self.faint and (torch.compiler.is_compiling() or state.clock.ndim)):
-            return iter(())
-        number = torch.arange(count, dtype=torch.float64, device=like.device) * self.every
-        return self._at(number + (state.clock + self.every if self.faint else first), like)
-
-    def _at(self, clock: Tensor, like: Tensor) -> Iterator[Moment]:
-        """Moments at readings of the learning's clock, `[K, ...]`, for signals like `[..., N]`; one for each of K."""
-        rule = self.rule
-        assert rule is not None
-        # Delayed: o(t + dt), which the rule sees at the time t.
-        lag = 1 if self.feedback == "delayed" and not self.faint else 0
-        seconds = (clock - lag) * self.dt - self.settle
-        ready = [True] * len(clock) if torch.compiler.is_compiling() or clock.ndim > 1 else (seconds > 0).tolist()
-        batch = like.ndim - (2 if self.shared else 1)
-        rates = rule.rate(seconds if clock.ndim > 1 else seconds.reshape(-1, *[1] * batch))
-        scale = (rates * (self.dt * self.every)).to(like.dtype)[..., None, None]
-        apart = 1 - torch.eye(like.shape[-1], dtype=like.dtype, device=like.device)
-        # Many networks with rates of their own: not all of their steps at once.
-        factors = (
-            (scale * apart).unbind(0) if scale.numel() == len(clock) else (part * apart for part in scale.unbind(0))
-        )
-        seen: list[Tensor | None] = [None] * len(clock)
-        if rule.uses_power:
-            keep = math.log1p(-self.mean_square.a) if self.mean_square.a < 1 else -math.inf
-            seen = list((-torch.expm1(keep * clock)).to(like.dtype).unsqueeze(-1).unbind(0))
-        for begun, factor, share in zip(ready, factors, seen, strict=True):
-            yield Moment(factor if begun else None, share)
-
-    def _step(
-        self, block: Tensor, state: NetworkState, moment: Moment | None
-    ) -> tuple[Tensor, NetworkState, Tensor | None]:
-        """One step of the network, from one change of the weights to the next.
-
-        Args:
-            block: drive i', `[..., N]` for delayed feedback, a block `[..., E, N]` for settled; `[..., F, N]` and
-                `[..., E, F, N]` of fields.
-            state: before.
-            moment: None where the clock is in the state.
+    def _delayed(self, drive: Tensor, state: NetworkState) -> tuple[Tensor, NetworkState, list[Any]]:
+        """`o(t + dt) = i'(t) - W o(t)` [B eq. 22], and a change of the weights at every step.
 
         Returns:
-            outputs like `block`, the state after, and the summed magnitude of the change of the mean weights, `[...]`,
-            None if there was no change.
+            outputs like `drive` `[..., T, N]`, or `[..., T, F, N]` of fields; the state after; and of every change the
+            summed magnitude of that of the mean weights, `[...]`, and whether it was one, None for yes.
         """
-        rule, weights = self.rule, state.weights
-        outputs, fluctuation, clock = state.outputs, state.fluctuation, state.clock
-        if self.feedback == "delayed":
-            out = outputs = block - outputs @ weights.mT if self.shared else inhibit(block, weights, outputs)
-        else:
-            out = through(block, weights, self.shared)
-        if rule is None:
-            return out, state._replace(outputs=outputs), None
-        high, low = self._fluctuations(out, state.output_low)
-        compiled, awake, squares = torch.compiler.is_compiling(), None, None
-        if self.faint:
-            squares = high.square()
-            awake = squares.mean(-1).flatten(clock.ndim).amax(-1) >= self.faint**2
-            if not compiled and not awake.any():
-                return out, state._replace(outputs=outputs, output_low=low), torch.zeros_like(clock, dtype=out.dtype)
-            clock = clock + awake * self.every
-            if moment is None:
-                moment = next(self._at(clock.unsqueeze(0), out.select(self.time, 0)))
-        assert moment is not None
-        # Alone, it is awake here.
-        awake = awake if compiled or clock.ndim else None
+        outs, shifts, time = list[Tensor](), list[Any](), self.time
+        for sample, timing in zip(drive.unbind(time), self._timings(state.steps, drive), strict=True):
+            weights, before = state.weights, state.outputs
+            if self.shared:
+                out = sample - before @ weights.mT
+            elif sample.ndim == 1:
+                out = torch.addmv(sample, weights, before, alpha=-1)
+            else:
+                out = sample - (weights @ before.unsqueeze(-1)).squeeze(-1)
+            outs.append(out)
+            if self.rule is None:
+                state = state._replace(outputs=out)
+                continue
+            low = low_pass_step(out, state.output_low, self.a_out)
+            state, shift = self._learn((out - low).unsqueeze(time), low, out, state, timing)
+            if shift is not None:
+                shifts.append((shift, None))
+        return torch.stack(outs, time), state, shifts
+
+    def _settled(self, drive: Tensor, state: NetworkState) -> tuple[Tensor, NetworkState, list[Any]]:
+        """`o = (I + W)^-1 i'` [C eq. 2], and a change of the weights after every block of `every` steps, counted from
+        the start of the run. Returns the same as `_delayed`.
+
+        An exported program does not know where in a block its samples begin: there, every step is tried as the end of
+        a block, and keeps the state before if it is none.
+        """
+        given, time, every, compiled = drive.shape[self.time], self.time, self.every, torch.compiler.is_compiling()
+        samples = torch.cat([state.recent, drive], time) if every > 1 else drive
+        begun = 0 if compiled else int(state.steps) % every
+        ends = range(1, given + 1) if compiled else range(every - begun, given + 1, every)
+        outs, shifts, done, steps = list[Tensor](), list[Any](), 0, state.steps
+        ahead = self._timings(steps, drive, ends) if not self.faint else None
+        for end in ends:
+            block = samples.narrow(time, end - 1, every).contiguous()
+            out = self._through(block, state.weights)
+            new = min(every, end - done)
+            outs.append(out.narrow(time, every - new, new))
+            if self.rule is not None:
+                if every == 1:
+                    lows = low_pass_step(out, state.output_low.unsqueeze(time), self.a_out)
+                else:
+                    flat = self.lagged.to(out.dtype) @ (out.flatten(-2) if self.shared else out)
+                    low = state.output_low.flatten(-2) if self.shared else state.output_low
+                    lows = (flat + self.decay.to(out.dtype) * low.unsqueeze(-2)).view_as(out)
+                after, shift = self._learn(
+                    out - lows, lows.select(time, -1), state.outputs, state, ahead and next(ahead)
+                )
+                known = (steps + end) % every == 0 if compiled and every > 1 else None
+                if known is not None:
+                    known = known.to(out.device)
+                    after = NetworkState(*(torch.where(known, a, b) for a, b in zip(after, state, strict=True)))
+                state = after
+                if shift is not None:
+                    shifts.append((shift, known))
+            done = end
+        if done < given:
+            outs.append(self._through(drive.narrow(time, done, given - done), state.weights))
+        recent = samples.narrow(time, given, every - 1)
+        return torch.cat(outs, time), state._replace(recent=recent), shifts
+
+    def _through(self, block: Tensor, weights: Tensor) -> Tensor:
+        """Settled outputs of inputs `[..., E, N]`, or `[..., E, F, N]` of fields that share the weights."""
+        gain = settled(weights).mT
+        return block @ (gain.unsqueeze(-3) if self.shared and gain.ndim > 2 else gain)
+
+    def _timings(
+        self, clock: Tensor, like: Tensor, ends: range | None = None
+    ) -> Iterator[tuple[Tensor | None, Tensor | None]]:
+        """What depends on the time alone, of changes of the weights after so many steps more; default: after each.
+
+        Yields:
+            what the rule's change is multiplied by, `rate dt`, zero on the diagonal, `[..., N, N]`, None before
+            learning begins; and how much the running mean of the power has taken in, for it starts at zero, None
+            where it is not kept.
+        """
+        ends = range(1, like.shape[self.time] + 1) if ends is None else ends
+        rule, compiled = self.rule, torch.compiler.is_compiling()
+        if rule is None or not len(ends):
+            yield from [(None, None)] * len(ends)
+            return
+        readings = torch.arange(ends.start, ends.stop, ends.step, dtype=torch.float64, device=like.device)
+        readings = readings + (clock if compiled or self.faint else int(clock))
+        # Delayed: o(t + dt), which the rule sees at the time t.
+        seconds = (readings - int(self.feedback == "delayed")) * self.dt - self.settle
+        begun = [True] * len(ends) if compiled else (seconds > 0).tolist()
+        rates = rule.rate(seconds.reshape(-1, *[1] * (like.ndim + self.time)))
+        scale = (rates * (self.dt * self.every)).to(like.dtype)[..., None, None]
+        apart = 1 - torch.eye(self.neurons, dtype=like.dtype, device=like.device)
+        taken: list[Tensor | None] = [None] * len(ends)
         if rule.uses_power:
-            squares = high.square() if squares is None else squares
-            kept, taken = self.mean_square.weights(high.select(-2, 0) if self.shared else high)
-            fluctuation = held(
-                awake, kept * fluctuation + taken @ (squares.sum(-2) if self.shared else squares), fluctuation
-            )
+            keep = math.log1p(-self.a_power) if self.a_power < 1 else -math.inf
+            taken = list((-torch.expm1(keep * readings)).to(like.dtype).unsqueeze(-1).unbind(0))
+        for learns, part, share in zip(begun, scale.unbind(0), taken, strict=True):
+            yield part * apart if learns else None, share
+
+    def _learn(
+        self, high: Tensor, low: Tensor, outputs: Tensor, state: NetworkState, timing: Any
+    ) -> tuple[NetworkState, Tensor | None]:
+        """Change the weights by the fluctuations o' `[..., E, N]`, or `[..., E, F, N]` of fields.
+
+        Args:
+            low: state of their high-pass.
+            outputs: for the state after.
+            timing: of `_timings`; None where the clock is in the state.
+
+        Returns:
+            the state after, and the summed magnitude of the change of the mean weights, `[...]`, None without a change.
+        """
+        rule, weights, clock, fluctuation = self.rule, state.weights, state.clock, state.fluctuation
+        assert rule is not None
+        if self.faint:
+            if not high.square().mean(-1).amax() >= self.faint**2:
+                return state._replace(output_low=low), torch.zeros((), dtype=high.dtype, device=high.device)
+            clock = clock + self.every
+            timing = next(self._timings(clock, high, range(1)))
+        factor, taken = timing
+        if rule.uses_power:
+            squares = high.square().sum(-2) if self.shared else high.square()
+            shares = self.power_shares.to(high.dtype)
+            fluctuation = (1 - self.a_power) ** self.every * fluctuation + shares @ squares
         mean, stopped, shift = state.mean_weights, state.stopped, None
-        if moment.factor is not None:
-            power = fluctuation if moment.seen is None else fluctuation / moment.seen
+        if factor is not None:
+            power = fluctuation if taken is None else fluctuation / taken
             change = rule.change(high.flatten(-3, -2) if self.shared else high, power, weights, self.every)
-            grown, full = rule.bounded(torch.addcmul(weights, change, moment.factor))
-            learning = awake
-            if compiled:
-                begun = moment.factor.amax((-1, -2)) > 0
-                learning = begun if awake is None else awake & begun
+            grown, full = rule.bounded(torch.addcmul(weights, change, factor))
+            learns = None if not torch.compiler.is_compiling() else factor.amax((-1, -2)) > 0
             if self.when_full == "stop":
-                learning = ~stopped if learning is None else learning & ~stopped
-                stopped = stopped if full is None else stopped | (full if awake is None else full & awake)
-            weights = held(learning, grown, weights)
+                learns = ~stopped if learns is None else learns & ~stopped
+                stopped = stopped if full is None else stopped | full
+            weights = grown if learns is None else torch.where(learns[..., None, None], grown, weights)
             step = (weights.detach() - mean) * self.a_mean
-            step = held(awake, step, torch.zeros_like(step))
             mean, shift = mean + step, torch.linalg.vector_norm(step, 1, (-1, -2))
         # By position: `_replace` costs as much as three operations.
         end = NetworkState(
             weights, outputs, state.input_low, low, state.recent, fluctuation, clock, stopped, mean, *state[9:]
         )
-        return out, end, shift
+        return end, shift
 
-    def _fluctuations(self, out: Tensor, low: Tensor) -> tuple[Tensor, Tensor]:
-        """High-passed outputs o' of one step, `[..., E, N]` or `[..., E, F, N]`, and the filter's state."""
-        time = self.time
-        if self.feedback == "delayed":
-            low = low_pass_step(out, low, self.output_low.a)
-            return (out - low).unsqueeze(time), low
-        if self.every == 1:
-            lows = low_pass_step(out, low.unsqueeze(time), self.output_low.a)
-        else:
-            lows = (
-                self.output_low(out.flatten(-2), low.flatten(-2)).view_as(out)
-                if self.shared
-                else self.output_low(out, low)
-            )
-        return out - lows, lows.select(time, -1)
-
-    def _check(self, inputs: Tensor) -> None:
-        """Raise `InputError` for inputs that cannot be used."""
-        shape = f"[..., T, {'F, ' if self.shared else ''}{self.neurons}]"
-        check_tensor("inputs", inputs, half=False)
-        if inputs.ndim < -self.time or inputs.shape[-1] != self.neurons:
-            raise InputError(f"inputs must be {shape}, got {tuple(inputs.shape)}")
-        if inputs.shape[self.time] == 0:
-            raise InputError(f"inputs must hold at least one time step, got {tuple(inputs.shape)}")
-
-    def _diagnose(self, out: Tensor, state: NetworkState, time: int) -> tuple[Tensor, Tensor]:
+    def _diagnose(self, out: Tensor, state: NetworkState) -> tuple[Tensor, Tensor]:
         """Running means of squared outputs and of squared differences of successive outputs."""
-        out = out.detach()
+        out, time = out.detach(), self.time
         before = torch.cat([state.outputs.detach().unsqueeze(time), out.narrow(time, 0, out.shape[time] - 1)], time)
         mean = torch.cat([state.power, state.roughness], -1)
         _, mean = low_pass(torch.cat([out, out - before], -1).square(), mean, self.a_rough, time)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import InhibitoryNetwork, alternation, learning_rule, weight_change
-from ndtorch.binding.learning import WhenFull
+from ndtorch.binding.network import WhenFull
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.binding.spectrum import SQUARING_FROM
 from tests.strategies import chunkings, in_chunks

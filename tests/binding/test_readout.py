@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from ndtorch.binding.learning import settled
 from ndtorch.binding.models.retinotopic import owner_column
+from ndtorch.binding.network import settled
 from ndtorch.binding.readout.sources import SourceEstimator, SourceState, diagonalise
 from ndtorch.vision import FEATURES, GROUPS
 from ndtorch.vision.temporal import LowPass

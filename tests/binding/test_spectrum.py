@@ -20,7 +20,7 @@ from ndtorch.binding import (
     solutions,
     spectral_radius,
 )
-from ndtorch.binding.learning import NetworkState
+from ndtorch.binding.network import NetworkState
 from ndtorch.binding.spectrum import SQUARING_FROM, always_limited, perron_root
 from ndtorch.binding.theory import count_solutions, largest_free_weight, mixing_from_weights
 from ndtorch.errors import InputError

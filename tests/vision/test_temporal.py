@@ -23,7 +23,6 @@ from ndtorch.vision import (
     VisualFeatures,
     field_weights,
 )
-from ndtorch.vision.blocks import BlockLowPass
 from ndtorch.vision.motion import Border
 from ndtorch.vision.temporal import corrected, predicted
 from tests.strategies import chunkings, in_chunks, noise
@@ -78,23 +77,6 @@ def test_one_step_of_the_alpha_beta_filter_by_hand() -> None:
     place, velocity = corrected(there, velocity, torch.tensor([0.4, 0.0]), 0.5, 0.1, 0.5)
     assert_allclose(place, [2.7, 1.5])
     assert_allclose(velocity, [3.08, -1.0], rtol=1e-6)
-
-
-@settings(max_examples=20, deadline=None)
-@given(a=st.floats(0.001, 1.0))
-def test_block_low_pass_is_the_loop(a: float) -> None:
-    signals = torch.randn(130, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    expected, low = [], signals[0]
-    for sample in signals:
-        low = low + a * (sample - low)
-        expected.append(low)
-    state, parts = signals[0], []
-    for chunk in torch.split(signals, 50):
-        parts.append(BlockLowPass(a, 50)(chunk, state))
-        state = parts[-1][-1]
-    assert_allclose(torch.cat(parts), torch.stack(expected), atol=1e-12)
-    module, _ = LowPass(1 / a - 1, 1.0, 1)(signals)
-    assert_allclose(torch.cat(parts), module, atol=1e-9)
 
 
 RATES = st.one_of(st.floats(5, 240), st.sampled_from([12.5, 24, 25, 30, 29.97, 50, 60, 100, 120, 240]))

@@ -11,9 +11,8 @@ from pydantic import Field
 from torch import Tensor
 
 from ndtorch.arguments import check_dense, check_state
-from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, states_of
-from ndtorch.binding.network import InhibitoryNetwork
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.owners import features_by_group

@@ -10,9 +10,8 @@ from pydantic import Field
 from torch import Tensor
 
 from ndtorch.binding.first_stage import FirstStage
-from ndtorch.binding.learning import NetworkState, alternation, weight_change
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
-from ndtorch.binding.network import InhibitoryNetwork
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, weight_change
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import object_table
 from ndtorch.binding.rules import RULES, Rule, learning_rule

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from ndtorch.arguments import check_state
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
-from ndtorch.binding.learning import settled
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.models.whole_field import WholeField
+from ndtorch.binding.network import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFiles, ObjectFileState
 from ndtorch.binding.objects import BoundObject

@@ -9,10 +9,9 @@ from pydantic import Field
 from torch import Tensor
 
 from ndtorch.binding.first_stage import FirstStage
-from ndtorch.binding.learning import NetworkState, settled
 from ndtorch.binding.models.base import Nested, by_trial
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
-from ndtorch.binding.network import InhibitoryNetwork
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState, settled
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.sources import SourceEstimator, SourceParams, SourceState
 from ndtorch.binding.rules import ScaleFreeRule

@@ -29,7 +29,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import has_values
-from ndtorch.binding.learning import settled
+from ndtorch.binding.network import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import features_by_group, strongest_columns

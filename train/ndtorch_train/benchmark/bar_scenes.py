@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding.learning import settled
+from ndtorch.binding.network import settled
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.scenes import Bar, BarScene, three_bars, two_bars
 from ndtorch.scenes.base import RenderedScene

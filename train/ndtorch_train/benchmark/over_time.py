@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding.learning import settled
+from ndtorch.binding.network import settled
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.vision import GROUPS
 from ndtorch.vision.temporal import HighPass
