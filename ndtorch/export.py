@@ -46,7 +46,7 @@ class Step(nn.Module):
         """Frames and the tensors of a state -> signals, and the tensors of the state after them."""
         given = dict(zip(self.names, state, strict=True))
         before = mapped(self.example, lambda name, _: given[name]) if self.names else None
-        signals, after = self.model.signals(frames, before)
+        signals, after = self.model(frames, before)
         # A tensor that goes out as it came in would be the same memory.
         return tuple(part.clone() for part in (*signals, *leaves(after).values()))
 
@@ -97,7 +97,7 @@ def export(
                 part.use_real_arithmetic()
     example = torch.rand(*batch, frames, 3, *model.size)
     with torch.no_grad():
-        _, state = model.signals(example)
+        _, state = model(example)
         tensors = tuple(leaves(state).values())
         programs = {
             "first": torch.export.export(Step(model), (example,)),

@@ -5,11 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ndtorch.binding.first_stage import first_stage_weights, read_first_stage
 from ndtorch.binding.models.base import BindingModel
-from ndtorch.binding.models.registry import kind_of, load_folder
+from ndtorch.binding.models.foreground import ForegroundModel
+from ndtorch.binding.models.retinotopic import RetinotopicModel
+from ndtorch.binding.models.whole_field import PublishedModel, ScaleFreeModel
+from ndtorch.config import option_places, validated, with_options
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.backend import set_backend
 from ndtorch.utils.packages import MODELS, folder_of
+from ndtorch.utils.toml import suggestion, toml_values
+
+KINDS: dict[str, type[BindingModel]] = {
+    kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, ForegroundModel)
+}
+"""Kinds of models. Put a kind of your own in to load folders whose config.toml names it."""
 
 
 def model_names() -> list[str]:
@@ -51,15 +61,39 @@ def load(
     torch.Size([2, 10])
     """
     given = {"size": size, "fps": fps, "border": border}
-    options |= {name: value for name, value in given.items() if value is not None}
-    made = load_folder(model_folder(model), options)
+    rest = options | {name: value for name, value in given.items() if value is not None}
+    folder = model_folder(model)
+    kind, stage = KINDS[model_kind(folder)], rest.pop("first_stage", None)
+    known = option_places(kind.config_type)
+    rule = rest.pop("rule") if "rule" in known and not isinstance(rest.get("rule", ""), str) else None
+    for option in [*["first_stage"] * (stage is not None and not kind.trained), *rest]:
+        if option not in known:
+            others = [k.name for k in KINDS.values() if option in option_places(k.config_type)]
+            others = [k.name for k in KINDS.values() if k.trained] if option == "first_stage" else others
+            if not others:
+                raise InputError(f"options: unknown key {option!r}; {suggestion(option, known)}")
+            raise InputError(
+                f"{kind.name} has no option {option}; {', '.join(others)} ha{'ve' if others[1:] else 's'} it"
+            )
+    where = folder / "config.toml"
+    config = validated(kind.config_type, toml_values(where) | {"model": kind.name}, str(where))
+    if kind.trained:
+        stage = read_first_stage(folder / "weights.safetensors") if stage is None else first_stage_weights(stage)
+    made = kind.build(with_options(config, rest), stage)
+    if rule is not None:
+        made.use_rule(rule)
     set_backend(made, backend)
     return made
 
 
 def model_kind(model: str | Path) -> str:
-    """The kind of a model as its config.toml names it, such as "published"."""
-    return kind_of(model_folder(model))
+    """The kind of a model as its config.toml names it, one of `KINDS`."""
+    where = model_folder(model) / "config.toml"
+    name = toml_values(where).get("model")
+    if name not in KINDS:
+        given = "no key 'model'" if name is None else f"model = {name!r}"
+        raise InputError(f"{where}: {given}; model must be one of {', '.join(KINDS)}")
+    return str(name)
 
 
 def model_folder(model: str | Path) -> Path:

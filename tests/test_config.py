@@ -19,12 +19,11 @@ from safetensors.torch import load_file
 
 import ndtorch
 from ndtorch.binding import FirstStage, PublishedModel, spectral_radius
-from ndtorch.binding.models.published import PublishedConfig
-from ndtorch.binding.models.registry import KINDS
+from ndtorch.binding.models.whole_field import PublishedConfig
 from ndtorch.cli.commands import GROUP
 from ndtorch.config import ModelConfig, config_text, validated, with_options
 from ndtorch.errors import InputError
-from ndtorch.loading import model_folder, model_kind
+from ndtorch.loading import KINDS, model_folder, model_kind
 from ndtorch.utils.files import save_tensors
 from ndtorch.utils.tensors import leaves
 from ndtorch.utils.toml import toml_values

@@ -29,7 +29,7 @@ def largest_difference(model: Any, first: Any, following: Any, film: Tensor, fra
     state, apart = None, 0.0
     with torch.no_grad():
         for part in film.split(frames):
-            signals, after = model.signals(part, state)
+            signals, after = model(part, state)
             out = first(part) if state is None else following(part, *kept)
             wanted = [*signals, *leaves(after).values()]
             assert len(out) == len(wanted)

@@ -16,9 +16,8 @@ from torch import Tensor, nn
 
 from ndtorch import binding, navigation, vision
 from ndtorch.binding.models.foreground import ForegroundConfig
-from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.binding.models.retinotopic import RetinotopicConfig
-from ndtorch.binding.models.scale_free import ScaleFreeConfig
+from ndtorch.binding.models.whole_field import PublishedConfig, ScaleFreeConfig
 from tests.properties import DT, KINDS, LONG, PUBLIC, QUICK, RIG, SIZE, Part, check, samples
 from tests.strategies import chunkings
 

@@ -7,9 +7,8 @@ from ndtorch.binding.attention import Attention
 from ndtorch.binding.first_stage import FirstStage, train_first_stage
 from ndtorch.binding.models.base import BindingModel, Verdict
 from ndtorch.binding.models.foreground import ForegroundModel
-from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
-from ndtorch.binding.models.scale_free import ScaleFreeModel
+from ndtorch.binding.models.whole_field import PublishedModel, ScaleFreeModel
 from ndtorch.binding.network import InhibitoryNetwork, alternation, weight_change
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.object_files import ObjectFiles

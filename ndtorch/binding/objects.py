@@ -103,12 +103,12 @@ def strongest(features: dict[str, float], names: tuple[str, ...]) -> str | None:
     return max(there, key=lambda name: features[name], default=None)
 
 
-def bound_objects(table: ObjectTable, confidence: Tensor | None = None) -> list[BoundObject]:
+def bound_objects(table: ObjectTable, confidence: Tensor | float | None = None) -> list[BoundObject]:
     """The objects in the table of one network, in the order of their neurons. [C §4.1]
 
     Args:
         table: of one network of ten neurons.
-        confidence: of each neuron's object, `[10]`; None where it is not known.
+        confidence: probability that an object of these features is in view; None where it is not known.
 
     Raises:
         InputError: a table of a batch, or not of the ten features.
@@ -121,11 +121,10 @@ def bound_objects(table: ObjectTable, confidence: Tensor | None = None) -> list[
     """
     if table.owners.shape != (len(FEATURES),):
         raise InputError(f"table must be of one network of ten neurons, got owners {tuple(table.owners.shape)}")
-    found = []
+    found, sure = [], None if confidence is None else round(float(confidence), 3)
     for k in table.owners.nonzero().flatten().tolist():
         row = table.rows[k].tolist()
         features = {n: w for n, w in zip(FEATURES, row, strict=True) if w > 0}
-        sure = None if confidence is None else round(float(confidence[k]), 3)
         found.append(BoundObject(FEATURES[k], k, features, confidence=sure))
     return found
 

@@ -15,8 +15,7 @@ from numpy.testing import assert_allclose
 
 import ndtorch
 from ndtorch.binding import BindingInputs, InhibitoryNetwork, LearningRule, PublishedModel, learning_rule
-from ndtorch.binding.models.published import PublishedConfig
-from ndtorch.binding.models.whole_field import BindingSignals, BindingState
+from ndtorch.binding.models.whole_field import BindingSignals, BindingState, PublishedConfig
 from ndtorch.binding.rules import RULES
 from ndtorch.config import with_options
 from ndtorch.errors import InputError

@@ -49,7 +49,7 @@ def write_first_stage(gamma: float, radius: float, folder: Path) -> FirstStage:
 
     from ndtorch.binding import train_first_stage
     from ndtorch.binding.first_stage import write_first_stage as write_weights
-    from ndtorch.binding.models.published import PublishedConfig
+    from ndtorch.binding.models.whole_field import PublishedConfig
     from ndtorch.config import config_text
     from ndtorch.run.progress import progress_bar
 

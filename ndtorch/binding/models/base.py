@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from functools import wraps
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol, Self
+from typing import Any, ClassVar, Literal, Self
 
 import torch
 from torch import Tensor, nn
@@ -29,40 +28,6 @@ Nested = Any
 """Of one trial the thing itself, of a batch lists of it, nested as the batch is."""
 
 
-class Signals(Protocol):
-    """What the forward of every model gives at least, a NamedTuple.
-
-    Attributes:
-        outputs: of the network, one row a time step, `[..., T', 10]`; of models with fields `[..., T', R, C, 10]`.
-        time: seconds since the first frame, `[T']` float64.
-    """
-
-    @property
-    def outputs(self) -> Tensor: ...
-    @property
-    def time(self) -> Tensor: ...
-
-
-def states_of(state: object, films: int) -> Sequence[Any]:
-    """The state of each film of a batch whose films go through one after the other."""
-    if state is None:
-        return [None] * films
-    if not isinstance(state, tuple | list) or hasattr(state, "_fields") or len(state) != films:
-        raise InputError(f"state must be {films} states, one for each film, or None, got {type(state).__name__}")
-    return state
-
-
-def of_own_state(read: Callable[..., Any]) -> Callable[..., Any]:
-    """A method that reads states, for states of its own model alone."""
-
-    @wraps(read)
-    def checked(model: BindingModel, state: Any, *more: Any, **named: Any) -> Any:
-        model.check_own(state)
-        return read(model, state, *more, **named)
-
-    return checked
-
-
 class BindingModel(nn.Module, ABC):
     """Frames -> signals -> objects. A model is five choices, and its config has a table for each that it makes:
     receptive fields, what a camera needs before, normalisation, network, read-out and tracking.
@@ -72,8 +37,6 @@ class BindingModel(nn.Module, ABC):
 
     Attributes:
         name: of the kind, as in config.toml.
-        state_types: of its state, and of the part `second` of that.
-        one_by_one: whether the state of a batch is a list of states.
         exportable: whether `torch.export` takes it.
         kernels_only: whether it has no implementation in torch.
         config_type: what its config.toml holds.
@@ -87,30 +50,17 @@ class BindingModel(nn.Module, ABC):
 
     backend: Backend = "auto"
     name: ClassVar[str]
-    state_types: ClassVar[tuple[type, ...]] = ()
     config_type: ClassVar[type[ModelConfig]]
     tracks: ClassVar[bool] = False
     trained: ClassVar[bool] = True
     exportable: ClassVar[bool] = True
-    one_by_one: ClassVar[bool] = False
     kernels_only: ClassVar[bool] = False
     config: Any
     dt: float
     settle: float
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        for name in ("objects_batch", "verdict", "confidence", "weights", "table", "take_closed"):
-            if name in vars(cls):
-                setattr(cls, name, of_own_state(vars(cls)[name]))
-
     def check_own(self, state: Any) -> None:
-        """Raise `InputError` unless a state is one of this kind of model."""
-        for one in state if self.one_by_one and type(state) in (tuple, list) else [state]:
-            kinds = type(one), type(getattr(one, "second", None))
-            if kinds[: len(self.state_types)] != tuple(self.state_types):
-                wanted, given = self.state_types[0].__name__, type(one).__name__
-                raise InputError(f"state must be a {wanted} or None, one of the model {self.name}, got a {given}")
+        """Raise `InputError` unless a state is None or one of this kind of model."""
 
     @classmethod
     @abstractmethod
@@ -157,17 +107,16 @@ class BindingModel(nn.Module, ABC):
         """What it computes in, float32 or float64."""
         return next((part.dtype for part in self.buffers() if part.is_floating_point()), torch.float32)
 
-    def signals(self, frames: Tensor, state: Any = None) -> tuple[Any, Any]:
-        """The part of `forward` that is tensors from end to end, and that `ndtorch.export` exports: all of it."""
-        return self(frames, state)  # type: ignore[no-any-return]
-
     def objects(self, state: Any) -> list[BoundObject]:
         """The objects of one trial at this moment.
 
         Raises:
             InputError: the state is that of a batch.
         """
-        return single_trial(self.objects_batch(state), "objects_batch")
+        found = self.objects_batch(state)
+        if found and isinstance(found[0], list):
+            raise InputError("the state is that of a batch: use objects_batch(state)")
+        return list(found)
 
     @abstractmethod
     def objects_batch(self, state: Any) -> Nested:
@@ -183,7 +132,6 @@ class BindingModel(nn.Module, ABC):
         last = max((one.last_seen or 0.0 for one in found), default=0.0)
         return [one for one in found if one.last_seen == last] if self.tracks else found
 
-    @of_own_state
     def take_closed(self, state: Any) -> tuple[list[BoundObject], Any]:
         """The objects that are lost since they were last taken, and the state without them.
 
@@ -196,6 +144,7 @@ class BindingModel(nn.Module, ABC):
         Raises:
             InputError: the state is that of a batch.
         """
+        self.check_own(state)
         return [], state
 
     @abstractmethod
@@ -261,13 +210,6 @@ What it is for, how it was made and measured, where it fails: to be written by w
 """
 
 
-def single_trial(found: Nested, batch: str) -> list[Any]:
-    """The list of a single trial; `InputError` names the method for batches."""
-    if found and isinstance(found[0], list):
-        raise InputError(f"the state is that of a batch: use {batch}(state)")
-    return list(found)
-
-
 def by_trial(things: list[Any], batch: tuple[int, ...]) -> Nested:
     """A flat list as lists nested like the batch; the only thing itself without one."""
     if not batch:
@@ -276,4 +218,4 @@ def by_trial(things: list[Any], batch: tuple[int, ...]) -> Nested:
     return [by_trial(things[n * step : (n + 1) * step], batch[1:]) for n in range(batch[0])]
 
 
-__all__ = ["BindingModel", "BoundObject", "Nested", "ObjectTable", "Signals", "Verdict", "by_trial"]
+__all__ = ["BindingModel", "BoundObject", "Nested", "ObjectTable", "Verdict", "by_trial"]

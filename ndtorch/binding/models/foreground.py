@@ -11,7 +11,7 @@ from pydantic import Field
 from torch import Tensor
 
 from ndtorch.arguments import check_dense, check_state
-from ndtorch.binding.models.base import BindingModel, Nested, Verdict, states_of
+from ndtorch.binding.models.base import BindingModel, Nested, Verdict
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.objects import BoundObject
@@ -159,8 +159,6 @@ class ForegroundModel(BindingModel):
     """
 
     name = "foreground"
-    state_types = (ForegroundState,)
-    one_by_one = True
     exportable = False  # blobs are found outside torch
     kernels_only = True
     config_type = ForegroundConfig
@@ -188,10 +186,18 @@ class ForegroundModel(BindingModel):
     def build(cls, config: ForegroundConfig, first_stage: Tensor | None) -> ForegroundModel:
         return cls(config)
 
+    def check_own(self, state: Any) -> None:
+        for one in state if type(state) in (list, tuple) else (state,):
+            check_state(one, ForegroundState)
+
     def forward(self, frames: Tensor, state: Any = None) -> tuple[ForegroundSignals, Any]:
         check_dense("frames", frames)
         if frames.ndim > 4:
-            states = states_of(state, len(frames))
+            states = [None] * len(frames) if state is None else state
+            if type(states) not in (list, tuple) or len(states) != len(frames):
+                raise InputError(
+                    f"state must be {len(frames)} states, one for each film, or None, got {type(state).__name__}"
+                )
             parts = [self(film, own) for film, own in zip(frames, states, strict=True)]
             stacked = ForegroundSignals(*map(torch.stack, zip(*(signals for signals, _ in parts), strict=True)))
             return stacked._replace(time=stacked.time[0]), tuple(own for _, own in parts)
@@ -200,7 +206,7 @@ class ForegroundModel(BindingModel):
         frames = check_frames(frames, self.size)
         if frames.requires_grad and torch.is_grad_enabled():
             raise InputError("foreground has no gradients: detach the frames")
-        check_state(state, ForegroundState)
+        self.check_own(state)
         state = self._start() if state is None else state
         scene, closed = None if state.scene is None else as_arrays(state.scene), list[Tracks]()
         waiting, counted, time = state.waiting, int(state.frames), float(state.time)

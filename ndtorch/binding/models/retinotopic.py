@@ -85,7 +85,6 @@ class RetinotopicModel(BindingModel):
     """
 
     name = "retinotopic"
-    state_types = (RetinotopicState,)
     config_type = RetinotopicConfig
     tracks = True
     config: RetinotopicConfig
@@ -111,10 +110,13 @@ class RetinotopicModel(BindingModel):
     def first_stage(self) -> Tensor:
         return self.first_weights
 
+    def check_own(self, state: Any) -> None:
+        check_state(state, RetinotopicState)
+
     def forward(
         self, frames: Tensor, state: RetinotopicState | None = None
     ) -> tuple[RetinotopicSignals, RetinotopicState]:
-        check_state(state, RetinotopicState)
+        self.check_own(state)
         if state is not None and state.motion is None:
             raise InputError("state comes from from_fields and has no motion filters: go on with from_fields")
         fields, motion = self.eyes(frames_in(frames, self.dtype), state.motion if state is not None else None)
@@ -125,7 +127,7 @@ class RetinotopicModel(BindingModel):
         self, fields: Tensor, state: RetinotopicState | None = None
     ) -> tuple[RetinotopicSignals, RetinotopicState]:
         """The model from the signals of its fields on, `[..., T, R, C, 10]`."""
-        check_state(state, RetinotopicState)
+        self.check_own(state)
         number, windows = self.windows(fields, state.windows if state is not None else None)
         outputs = fields @ settled(self.first_weights).to(fields.dtype).mT
         steps = fields.shape[-4]
@@ -135,6 +137,7 @@ class RetinotopicModel(BindingModel):
 
     def objects_batch(self, state: RetinotopicState) -> Nested:
         """The objects in view, those followed longest first; `track` is the number of the window."""
+        self.check_own(state)
         w = state.windows
         there = self.windows.confirmed(w)
         owner, column = owner_column(w.covariance, self.first_weights)
@@ -147,6 +150,7 @@ class RetinotopicModel(BindingModel):
 
     def verdict(self, state: RetinotopicState) -> Nested:
         """`static` without any motion so far, `stable` when every object was followed for `tau_bind`."""
+        self.check_own(state)
         w = state.windows
         confirmed = self.windows.confirmed(w)
         young = (confirmed & (w.age < self.config.tracking.tau_bind)).any(-1) | ~confirmed.any(-1)
@@ -156,6 +160,7 @@ class RetinotopicModel(BindingModel):
 
     def weights(self, state: RetinotopicState) -> Tensor:
         """Of every window, `[..., K, 10, 10]`: the column of its owner, relative to the owner; zero elsewhere."""
+        self.check_own(state)
         w = state.windows
         owner, column = owner_column(w.covariance, self.first_weights)
         at_owner = torch.nn.functional.one_hot(owner, 10).to(column.dtype)

@@ -1,25 +1,30 @@
-"""What the two models of sums over the whole field share: frames or sums in, signals and a table of objects out."""
+"""The two models of sums over the whole field, published and scale-free: frames or sums in, signals and objects out."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import torch
 from pydantic import Field
 from torch import Tensor
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_state, check_tensor
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, settled, weight_change
 from ndtorch.binding.normalise import BindingInputs, InputState, Order
 from ndtorch.binding.objects import ObjectTable, bound_objects
+from ndtorch.binding.readout.owners import object_table
+from ndtorch.binding.readout.sources import SourceEstimator, SourceParams, SourceState
+from ndtorch.binding.rules import RULES, Rule, ScaleFreeRule, learning_rule
 from ndtorch.config import Constants, Deviations, ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.frames import frames_in
 from ndtorch.vision.motion import Border, MotionState
-from ndtorch.vision.temporal import Resample, ResampleState
+from ndtorch.vision.temporal import FilterState, LowPass, Resample, ResampleState
 
 
 class WholeField(Constants):
@@ -102,6 +107,8 @@ class WholeFieldModel(BindingModel):
     """
 
     config: Any
+    second_state: ClassVar[type]
+    first_weights: Tensor
 
     def __init__(self, config: Any, first_stage: FirstStage | Tensor | None, dt: float) -> None:
         super().__init__()
@@ -116,14 +123,51 @@ class WholeFieldModel(BindingModel):
         weights = torch.zeros(10, 10) if first_stage is None else first_stage_weights(first_stage)
         self.register_buffer("first_weights", weights)
 
-    first_weights: Tensor
-
     @classmethod
     def build(cls, config: Any, first_stage: Tensor | None) -> Any:
         return cls(config, first_stage)  # type: ignore[call-arg]
 
     def first_stage(self) -> Tensor:
         return self.first_weights
+
+    def check_own(self, state: Any) -> None:
+        check_state(state, BindingState)
+        check_state(state and state.second, self.second_state)
+
+    def forward(self, frames: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
+        self.check_own(state)
+        if state is not None and state.motion is None:
+            raise InputError("state comes from from_sums and has no motion filters: go on with from_sums")
+        sums, motion = self.features(frames_in(frames, self.first_weights.dtype), state and state.motion)
+        return self.scan(sums, motion, state)
+
+    def from_sums(self, sums: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
+        """The model from the ten spatial sums on, `[..., T, 10]`, one row a frame.
+
+        For sums that were stored or superposed: many trials of many scenes make one batch.
+        """
+        self.check_own(state)
+        check_tensor("sums", sums, half=False)
+        if sums.ndim < 2 or sums.shape[-1] != 10 or sums.shape[-2] == 0:
+            raise InputError(f"sums must be [..., T >= 1, 10], got {tuple(sums.shape)}")
+        return self.scan(sums, state and state.motion, state)
+
+    def scan(
+        self, sums: Tensor, motion: MotionState | None, state: BindingState | None
+    ) -> tuple[BindingSignals, BindingState]:
+        """Sums -> inputs -> refined signals -> outputs; the filters of the frames are in the state `motion`."""
+        sums, resample = self.resample.scan(sums, state and state.resample)
+        steps = sums.shape[-2]
+        if steps == 0:
+            assert state is not None
+            empty, time = torch.zeros_like(sums), torch.zeros(0, dtype=torch.float64)
+            return BindingSignals(sums, *4 * (empty,), time), state._replace(motion=motion, resample=resample)
+        (inputs, scale), normalised = self.inputs.scan(sums, state and state.inputs)
+        refined, first = self.refine(inputs, state and state.first)
+        outputs, second = self.bind(refined, sums, state and state.second)
+        time = (torch.arange(steps, dtype=torch.float64) + (resample.given - steps)) * self.dt
+        signals = BindingSignals(sums, inputs, refined, outputs, scale, time)
+        return signals, BindingState(motion, resample, normalised, first, second)
 
     @abstractmethod
     def refine(self, inputs: Tensor, state: Any) -> tuple[Tensor, Any]:
@@ -137,79 +181,269 @@ class WholeFieldModel(BindingModel):
     def learned(self, state: BindingState) -> tuple[Tensor, Tensor]:
         """Of every trial, `[...]` bool: whether its outputs alternate, and whether its weights are stable if not."""
 
-    def forward(self, frames: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
-        if state is not None:
-            self.check_own(state)
-        if state is not None and state.motion is None:
-            raise InputError("state comes from from_sums and has no motion filters: go on with from_sums")
-        sums, motion = self.features(frames_in(frames, self.first_weights.dtype), state and state.motion)
-        return self.scan(sums, motion, state)
+    def sure(self, state: BindingState) -> Tensor | None:
+        """Probability that the number of objects is right, `[...]`; None of models that do not say."""
+        return None
 
-    def from_sums(self, sums: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
-        """The model from the ten spatial sums on, `[..., T, 10]`, one row a frame.
-
-        For sums that were stored or superposed: many trials of many scenes make one batch.
-        """
-        if state is not None:
-            self.check_own(state)
-        check_tensor("sums", sums, half=False)
-        if sums.ndim < 2 or sums.shape[-1] != 10 or sums.shape[-2] == 0:
-            raise InputError(f"sums must be [..., T >= 1, 10], got {tuple(sums.shape)}")
-        return self.scan(sums, state and state.motion, state)
-
-    def scan(
-        self, sums: Tensor, motion: MotionState | None, state: BindingState | None
-    ) -> tuple[BindingSignals, BindingState]:
-        """Sums -> inputs -> refined signals -> outputs; the filters of the frames are in the state `motion`."""
-        sums, resample = self.resample.scan(sums, state and state.resample)
+    def static(self, state: BindingState) -> Tensor:
+        """Whether fewer than two of the three groups fluctuated by more than `floor` of their level lately, `[...]`."""
+        self.check_own(state)
+        sums, fluctuations = state.inputs.sums, state.inputs.fluctuations
         if sums.shape[-2] == 0:
-            assert state is not None
-            empty = torch.zeros_like(sums)
-            time = torch.zeros(0, dtype=torch.float64)
-            return BindingSignals(sums, empty, empty, empty, empty, time), state._replace(
-                motion=motion, resample=resample
-            )
-        (inputs, scale), input_state = self.inputs.scan(sums, state and state.inputs)
-        refined, first = self.refine(inputs, state and state.first)
-        outputs, second = self.bind(refined, sums, state and state.second)
-        steps = sums.shape[-2]
-        time = (torch.arange(steps, dtype=torch.float64) + (second.steps - steps)) * self.dt
-        signals = BindingSignals(sums, inputs, refined, outputs, scale, time)
-        return signals, BindingState(motion, resample, input_state, first, second)
+            # A memory of a single step has nothing to compare: give every group the benefit of the doubt.
+            return torch.zeros(sums.shape[:-2], dtype=torch.bool)
+        floor: float = self.config.normalise.floor
+        return (fluctuations.amax(-2) > floor * sums.amax(-2)).sum(-1) < 2
 
     def verdict(self, state: BindingState) -> Nested:
-        static = fluctuating_groups(state.inputs, self.config.normalise.floor) < 2
-        alternating, stable = self.learned(state)
-        words: list[Verdict] = []
-        for still, flips, good in zip(
-            static.flatten().tolist(), alternating.flatten().tolist(), stable.flatten().tolist(), strict=True
-        ):
-            words.append("static" if still else "alternating" if flips else "stable" if good else "learning")
+        static = self.static(state)
+        each = (part.flatten().tolist() for part in (static, *self.learned(state)))
+        words: list[Verdict] = [
+            "static" if still else "alternating" if flips else "stable" if good else "learning"
+            for still, flips, good in zip(*each, strict=True)
+        ]
         return by_trial(words, tuple(static.shape))
+
+    def confidence(self, state: BindingState) -> Nested:
+        self.check_own(state)
+        sure = self.sure(state)
+        return None if sure is None else by_trial([round(x, 3) for x in sure.flatten().tolist()], tuple(sure.shape))
 
     def objects_batch(self, state: BindingState) -> Nested:
         """The objects in view; none while the verdict is `static` or `alternating`."""
-        table, batch = self.table(state), tuple(state.second.weights.shape[:-2])
-        static = fluctuating_groups(state.inputs, self.config.normalise.floor) < 2
-        nothing = (static | self.learned(state)[0]).flatten().tolist()
-        sure = self.object_confidence(state)
-        each = [None] * len(nothing) if sure is None else list(sure.reshape(-1, 10))
+        nothing = (self.static(state) | self.learned(state)[0]).flatten().tolist()
+        table, sure = self.table(state), self.sure(state)
+        each = [None] * len(nothing) if sure is None else list(sure.flatten())
         trials = zip(nothing, table.owners.reshape(-1, 10), table.rows.reshape(-1, 10, 10), each, strict=True)
         things = [[] if none else bound_objects(ObjectTable(owners, rows), c) for none, owners, rows, c in trials]
-        return by_trial(things, batch)
-
-    def object_confidence(self, state: BindingState) -> Tensor | None:
-        """Probability of each neuron's object, `[..., 10]`; None of models that do not say."""
-        return None
+        return by_trial(things, tuple(table.owners.shape[:-1]))
 
     def weights(self, state: BindingState) -> Tensor:
+        self.check_own(state)
         weights: Tensor = state.second.weights
         return weights
 
 
-def fluctuating_groups(state: InputState, floor: float) -> Tensor:
-    """How many of the three groups fluctuated by more than `floor` of their level recently, `[...]`."""
-    if state.sums.shape[-2] == 0:
-        # A memory of a single step has nothing to compare: give every group the benefit of the doubt.
-        return torch.full(state.sums.shape[:-2], state.sums.shape[-1])
-    return (state.fluctuations.amax(-2) > floor * state.sums.amax(-2)).sum(-1)
+class PublishedNetwork(Constants):
+    """The four networks; the three of the first stage do not learn."""
+
+    dt: float = constant(0.01, "Time step and delay of the feedback, seconds.", gt=0)
+    rule: str = constant(
+        "competitive", "Learning rule: competitive, cooperative, hebbian, or a name of your own in RULES."
+    )
+    f: str = constant("cube", "Expansive function of the rule.")
+    g: str = constant("tanh-pi", "Compressive function of the rule.")
+    gamma: float = constant(0.5, "Learning rate of the second stage, 1/s.", ge=0)
+    tau_in: float = constant(1.0, "High-pass on the inputs of the second stage, seconds.", ge=0)
+    tau_out: float = constant(0.5, "High-pass on the outputs in the learning rule, seconds.", ge=0)
+    settle: float = constant(4.0, "Time before the second stage learns, seconds.", ge=0)
+    tau_onset: float = constant(2.0, "Soft start of learning, seconds.", ge=0)
+    radius_limit: float = constant(0.95, "Limit on the spectral radius of the second stage.", gt=0, lt=1)
+
+
+class WeightReadout(Constants):
+    """Objects from weights [C §4.1], and what they are worth."""
+
+    smallest_weight: float = constant(1 / 3, "Ratio to the largest weight from which on a weight counts.", ge=0)
+    smallest_column: float = constant(0.6, "Sum of such weights of a neuron that makes it an owner.", ge=0)
+    learned_weight: float = constant(0.6, "Largest weight from which on a network has learned.", ge=0)
+    stable_window: float = constant(1.0, "Window tau_s of the stability criterion, seconds.", gt=0)
+    stable_mean: float = constant(2.0, "Time constant of the mean weights of the stability criterion, seconds.", ge=0)
+    stable_change: float = constant(0.5, "Threshold S_thr of the stability criterion, weight per window.", gt=0)
+    tau_alternation: float = constant(0.5, "Memory of the outputs' power and of its alternating part, seconds.", gt=0)
+    # Smooth signals have 0.001, white noise 0.5, a locked network 0.96 and more.
+    alternating: float = constant(0.25, "Ratio of alternating power that only the delay makes.", gt=0)
+
+
+class PublishedConfig(WholeFieldConfig):
+    """Constants of the model; the defaults are the published ones. [B §2; C §2, §4]"""
+
+    model: Literal["published"] = constant("published", "Kind of the model.")
+    network: PublishedNetwork = Field(default_factory=PublishedNetwork)
+    readout: WeightReadout = Field(default_factory=WeightReadout)
+
+
+class PublishedModel(WholeFieldModel):
+    """The model of the dissertation. [B, C]
+
+    The networks run at their own step of 10 ms, and signals of slower or faster video are interpolated. The second
+    stage begins to learn after `settle` seconds.
+
+    Args:
+        config: constants.
+        first_stage: weights of the three first-stage networks, trained (`FirstStage`) or `[10, 10]`; None for none.
+        rule: a learning rule of your own, in place of the config's.
+        gamma: learning rates `[...]` in place of the config's, one for every trial of a batch.
+    """
+
+    name = "published"
+    second_state = NetworkState
+    config_type = PublishedConfig
+    config: PublishedConfig
+
+    def __init__(
+        self,
+        config: PublishedConfig | None = None,
+        first_stage: FirstStage | Tensor | None = None,
+        rule: Rule | None = None,
+        gamma: Tensor | None = None,
+    ) -> None:
+        c = config or PublishedConfig()
+        super().__init__(c, first_stage, c.network.dt)
+        # The inputs come high-passed. The three networks are one with weights inside the groups only.
+        self.first = InhibitoryNetwork(10, self.dt, None, tau_in=float("inf"), initial=self.first_weights)
+        self.second = second_stage(c, gamma)
+        self._given_rule: str | None = None
+        self._given_gamma = gamma is not None
+        if rule is not None:
+            self.use_rule(rule)
+
+    def use_rule(self, rule: Rule) -> None:
+        """Learn by a rule of your own, in place of the config's."""
+        self.second.rule, self._given_rule = rule, rule.name
+
+    def save(self, path: str | Path, overwrite: bool = False) -> None:
+        """As in the contract.
+
+        Raises:
+            InputError: also for a rule that was given as an object, or rates of every trial: the config has neither.
+        """
+        if self._given_rule is not None:
+            # Never a name that is taken.
+            name = "mine" if self._given_rule in RULES else self._given_rule
+            raise InputError(
+                f"the rule {self._given_rule!r} was given as an object, which no config.toml can name: register its "
+                f"maker, ndtorch.binding.rules.RULES[{name!r}] = lambda f, g, **constants: ..., and say rule = {name!r}"
+            )
+        if self._given_gamma:
+            raise InputError("gamma was given for every trial, which no config.toml can hold: set it in the config")
+        super().save(path, overwrite)
+
+    def refine(self, inputs: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
+        return self.first.scan(inputs, state)
+
+    def bind(self, refined: Tensor, sums: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
+        return self.second.scan(refined, state)
+
+    def table(self, state: BindingState) -> ObjectTable:
+        """The objects, of one trial or a batch, whatever the verdict. [C §4.1]
+
+        None before any weight has reached `learned_weight`: the read-out divides by the largest weight, and makes a
+        table of the noise of a network that has learned nothing.
+        """
+        r, weights = self.config.readout, self.weights(state)
+        large = weights.amax((-1, -2), keepdim=True) >= r.learned_weight
+        return object_table(torch.where(large, weights, 0.0), r.smallest_weight, r.smallest_column)
+
+    def learned(self, state: BindingState) -> tuple[Tensor, Tensor]:
+        """As in the contract.
+
+        Stable are weights whose mean changes by at most `stable_change` per `stable_window` [C eq. 5] while one has
+        grown far enough to silence another neuron.
+        """
+        r, second = self.config.readout, state.second
+        # Written so that NaN never counts as stable.
+        unchanged = weight_change(second) <= r.stable_change
+        return ~(alternation(second) <= r.alternating), unchanged & (second.weights.amax((-1, -2)) >= r.learned_weight)
+
+
+def second_stage(config: PublishedConfig, gamma: float | Tensor | None = None) -> InhibitoryNetwork:
+    """The second stage of the published model, untrained.
+
+    Args:
+        gamma: learning rates `[...]` in place of the configuration's, one for every trial of a batch.
+    """
+    n, r = config.network, config.readout
+    if n.rule == "scale-free":
+        raise InputError("the rule scale-free has a model of its own: load('scale-free')")
+    rate = n.gamma if gamma is None else gamma
+    return InhibitoryNetwork(
+        10,
+        n.dt,
+        rule=learning_rule(n.rule, f=n.f, g=n.g, gamma=rate, tau_onset=n.tau_onset, radius_limit=n.radius_limit),
+        tau_in=n.tau_in,
+        tau_out=n.tau_out,
+        settle=n.settle,
+        window=r.stable_window,
+        tau_mean=r.stable_mean,
+        tau_rough=r.tau_alternation,
+    )
+
+
+class ScaleFreeTable(Constants):
+    """Both stages run at the rate of the frames; the first one does not learn."""
+
+    gamma: float = constant(0.2, "Learning rate in the long run, 1/s.", ge=0)
+    leak: float = constant(2.0, "Rate at which weights from weak to strong are forgotten, over gamma.", ge=0)
+    radius_limit: float = constant(0.95, "Limit on the Perron root of the weights' magnitudes.", gt=0, lt=1)
+    tau_out: float = constant(2.0, "High-pass on the outputs in the learning rule, seconds.", ge=0)
+    tau_smooth: float = constant(0.05, "Low-pass on the inputs of the second stage, seconds.", ge=0)
+    settle: float = constant(0.5, "Time before the second stage learns, seconds.", ge=0)
+
+
+class ScaleFreeConfig(WholeFieldConfig):
+    """Constants of the model."""
+
+    model: Literal["scale-free"] = constant("scale-free", "Kind of the model.")
+    network: ScaleFreeTable = Field(default_factory=ScaleFreeTable)
+    readout: SourceParams = Field(default_factory=SourceParams)
+
+
+class StageState(NamedTuple):
+    """State of the second stage: low-pass of the inputs `[..., 10]`, network, and read-out."""
+
+    smooth: FilterState
+    network: NetworkState
+    sources: SourceState
+
+    @property
+    def weights(self) -> Tensor:
+        """T, `[..., 10, 10]`."""
+        return self.network.weights
+
+
+class ScaleFreeModel(WholeFieldModel):
+    """The model that holds on random scenes. It runs at the rate of the frames.
+
+    The network learns which signals go together; number and features of the objects are read from the sums, see
+    `ndtorch.binding.readout.sources`.
+
+    Args:
+        config: constants.
+        first_stage: weights of the three first-stage networks, trained (`FirstStage`) or `[10, 10]`; None for none.
+    """
+
+    name = "scale-free"
+    second_state = StageState
+    config_type = ScaleFreeConfig
+    config: ScaleFreeConfig
+
+    def __init__(self, config: ScaleFreeConfig | None = None, first_stage: FirstStage | Tensor | None = None) -> None:
+        c = config or ScaleFreeConfig()
+        # A settled network has no delay of one step that a long step could make unstable.
+        super().__init__(c, first_stage, 1 / c.fps)
+        n = c.network
+        rule = ScaleFreeRule(gamma=n.gamma, leak=n.leak, radius_limit=n.radius_limit)
+        self.smooth = LowPass(n.tau_smooth, self.dt, 1)
+        self.second = InhibitoryNetwork.scale_free(10, self.dt, rule, tau_out=n.tau_out, settle=n.settle)
+        self.sources = SourceEstimator(self.dt, self.first_weights, c.readout)
+
+    def refine(self, inputs: Tensor, state: None) -> tuple[Tensor, None]:
+        return inputs @ settled(self.first_weights.to(inputs.dtype)).mT, None
+
+    def bind(self, refined: Tensor, sums: Tensor, state: StageState | None) -> tuple[Tensor, StageState]:
+        smooth, low = self.smooth.scan(refined, state and state.smooth)
+        outputs, network = self.second.scan(smooth, state and state.network)
+        return outputs, StageState(low, network, self.sources(sums, state and state.sources))
+
+    def table(self, state: BindingState) -> ObjectTable:
+        """The objects, of one trial or a batch, whatever the verdict."""
+        return self.sources.table(state.second.sources, self.weights(state))
+
+    def learned(self, state: BindingState) -> tuple[Tensor, Tensor]:
+        """As in the contract: stable is a number of objects of a confidence of `certain` or more."""
+        stable = self.sure(state) >= self.config.readout.certain
+        return torch.zeros_like(stable), stable
+
+    def sure(self, state: BindingState) -> Tensor:
+        return self.sources.confidence(state.second.sources)

@@ -11,8 +11,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import PublishedModel, object_table
-from ndtorch.binding.models.published import second_stage
-from ndtorch.binding.models.whole_field import BindingState
+from ndtorch.binding.models.whole_field import BindingState, second_stage
 from ndtorch.scenes import make_scene
 from ndtorch.vision import FEATURES
 from ndtorch_train.plots import feature_legend, matrix_panel, output_panel, panels

@@ -15,8 +15,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import PublishedModel, alternation, weight_change
-from ndtorch.binding.models.published import second_stage
-from ndtorch.binding.models.whole_field import BindingState
+from ndtorch.binding.models.whole_field import BindingState, second_stage
 from ndtorch.navigation import FeatureParams, MatchParams
 from ndtorch.utils.tensors import mapped
 from ndtorch.vision import FEATURES
