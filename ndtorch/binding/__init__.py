@@ -12,8 +12,7 @@ from ndtorch.binding.models.whole_field import PublishedModel, ScaleFreeModel
 from ndtorch.binding.network import InhibitoryNetwork, alternation, weight_change
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.object_files import ObjectFiles
-from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe
-from ndtorch.binding.readout.owners import object_table
+from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe, object_table
 from ndtorch.binding.rules import ACTIVATIONS, RULES, LearningRule, learning_rule
 from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.spectrum import limit_spectral_radius, spectral_radius

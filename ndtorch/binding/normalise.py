@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_tensor
+from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, HighPass, RecentMaxState, RunningMax, check_series
@@ -97,39 +96,6 @@ class BindingInputs(nn.Module):
         inputs = over_groups(filtered, torch.maximum(largest, self.floor * raw_max))
         end = InputState(low.low, raw_history.history, filtered_history.history)
         return (inputs, scale), end
-
-
-class FieldInputs(nn.Module):
-    """Divide the signals of many fields by the largest of their group in any field lately.
-
-    Lately: it is forgotten with the time constant `memory`.
-
-    Args:
-        dt: time step in seconds.
-        memory: seconds.
-        floor: smallest divisor, in the signals' units.
-
-    Shapes:
-        signals `[T, F, 10]`, not negative -> inputs like them, and the group maxima `[3]`; `None` for them starts with
-        the first sample's.
-    """
-
-    def __init__(self, dt: float, memory: float = 20.0, floor: float = 0.02) -> None:
-        super().__init__()
-        check_number("dt", dt, above=0, unit="seconds")
-        check_number("memory", memory, above=0, unit="seconds", endless=True)
-        check_number("floor", floor, above=0)
-        self.keep, self.floor = math.exp(-dt / memory), floor
-
-    def forward(self, signals: Tensor, level: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        check_tensor("signals", signals)
-        if signals.ndim != 3 or signals.shape[-1] != 10:
-            raise InputError(f"signals must be [T, F, 10], got {tuple(signals.shape)}")
-        level, levels = signals.new_zeros(3) if level is None else level, []
-        for largest in group_max(signals).amax(1):
-            level = torch.maximum(self.keep * level, largest)
-            levels.append(level)
-        return over_groups(signals, torch.stack(levels).clamp_min(self.floor).unsqueeze(1)), level
 
 
 def group_max(signals: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Objects: the one table that every read-out gives, the one type of object that every model gives, and their words."""
+"""Objects: their table in learned weights, the one type of object that every model gives, and their words. [C §4.1]"""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_tensor
+from ndtorch.binding.normalise import group_max, over_groups
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, GROUPS
 
@@ -27,6 +30,40 @@ class ObjectTable(NamedTuple):
 
     owners: Tensor
     rows: Tensor
+
+
+def features_by_group(values: Tensor, smallest: float = 1 / 3) -> Tensor:
+    """Each group of features over its own largest, negative and small ones removed, `[..., 10]`."""
+    positive = values.clamp_min(0)
+    shares = over_groups(positive, group_max(positive))
+    return torch.where(shares >= smallest, shares, 0.0)
+
+
+def simplified(weights: Tensor, smallest_weight: float = 1 / 3) -> Tensor:
+    """Weights `[..., N, N]` over the largest of them, those under `smallest_weight` removed. [C eq. 6-7]"""
+    if weights.ndim < 2 or weights.shape[-1] != weights.shape[-2]:
+        raise InputError(f"weights must be square matrices [..., N, N], got {tuple(weights.shape)}")
+    largest = weights.amax((-1, -2), keepdim=True).clamp_min(torch.finfo(weights.dtype).tiny)
+    normed = weights / largest
+    return torch.where(normed >= smallest_weight, normed, 0.0)
+
+
+def object_table(weights: Tensor, smallest_weight: float = 1 / 3, smallest_column: float = 0.6) -> ObjectTable:
+    """Read the objects out of second-stage weights `[..., N, N]`. [C eq. 6-10]
+
+    A neuron owns an object when the weights it sends, after normalisation to the largest weight and removal of
+    those under `smallest_weight`, sum to more than `smallest_column`. All zero weights give no object.
+
+    >>> weights = torch.zeros(10, 10)
+    >>> weights[1, 7] = weights[4, 7] = 0.8  # from red to right and to 0°
+    >>> object_table(weights).owners.nonzero().tolist()
+    [[7]]
+    """
+    check_tensor("weights", weights)
+    kept = simplified(weights, smallest_weight)
+    owners = kept.sum(-2) > smallest_column
+    own = torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device)
+    return ObjectTable(owners, torch.where(owners.unsqueeze(-1), kept.mT + own, 0.0))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 import torch
@@ -155,28 +156,17 @@ class ScaleFreeRule:
     """`dT[n, k]/dt = gamma(t) mu(t) (c <o'_n o'_k> / s_k^2 - leak (1 - c) T[n, k])`, `c = s_k^p / (s_k^p + s_n^p)`.
 
     The gate is c, s the deviation of an output. Both terms keep their value when all signals are multiplied by a
-    constant, hence the name: weak signals learn as fast as strong ones. T is dimensionless in the same way, a ratio of
-    two signals' shares of a source.
+    constant, hence the name: weak signals learn as fast as strong ones.
 
-    **Fixed points.** With `r = <o'_n o'_k> / s_k^2`, the regression of output n on output k, the rule is at rest where
-    `T[n, k] = c r / (leak (1 - c))`. Where k is much stronger than n the gate is 1 and only r = 0 will do: the weaker
-    output is free of the stronger one. Where k is much weaker the gate is 0 and only T = 0 will do: nobody takes a
-    weak output out of a strong one. So at a fixed point with outputs of clearly different strength T is triangular in
-    the order of their strength and all outputs are uncorrelated: with sources that do not go together, owner 1 keeps
-    what it receives, owner 2 keeps its input less what goes along with owner 1, and so on (a Cholesky factor of the
-    covariance, taken in the order of what is left: the greedy selection of owners). Outputs that receive no further
-    source become silent. Owners whose own input holds one source only, plus stronger owners' sources, are exact copies
-    of their source, and their columns of T are its mixing coefficients relative to the owner; an owner that receives
-    two sources first is not purified, for weaker neurons may not act on it. That is what the read-out by delays
-    repairs.
+    **Fixed points**, with `r = <o'_n o'_k> / s_k^2`: `T[n, k] = c r / (leak (1 - c))`. Where k is much stronger than n
+    the gate is 1, and only r = 0 will do: the weaker output is free of the stronger one. Where it is much weaker, only
+    T = 0. So T is triangular in the order of the outputs' strength, and all outputs are uncorrelated: owner 1 keeps
+    what it receives, owner 2 its input less what goes along with owner 1, and so on (a Cholesky factor of the
+    covariance). Two outputs of equal strength share, `T = r / leak` both ways.
 
-    **Stability**, with settled feedback. Let the gate stand still and all weights but T[n, k] be at rest. From `(I +
-    T) o = y`, `d o_n / dT[n, k] = -o_k / (1 - T[n, k] T[k, n])` for two neurons, so at r = 0 the bracket of the rule
-    falls with T[n, k] at the rate `c / (1 - T[n, k] T[k, n]) + leak (1 - c)`: positive as long as the loop stays below
-    1, which the limit on the Perron root ensures. Perturbations die out with a time constant of about `1 / gamma`, 5 s
-    in the long run, whatever the strengths; steps do not overshoot, for `gamma dt` is .16 at first with changes every
-    50 ms, and .01 later. Two outputs of equal strength have c = 1/2, and share: `T = r / leak` both ways, uncorrelated
-    only if their inputs are. In phase, sources are one source, and one owner is all there can be.
+    **Stability**, with settled feedback: from `(I + T) o = y`, `d o_n / dT[n, k] = -o_k / (1 - T[n, k] T[k, n])` for
+    two neurons, so the bracket falls with T[n, k] at the rate `c / (1 - T[n, k] T[k, n]) + leak (1 - c)`, positive
+    while the loop stays below 1, as the limit on the Perron root ensures. Perturbations die out within `1 / gamma`.
 
     Attributes:
         gamma: learning rate in the long run, 1/s.
@@ -265,23 +255,18 @@ def learning_onset(seconds: Tensor, tau: float) -> Tensor:
     return -torch.expm1(seconds.clamp_min(0) / -tau)
 
 
-def _competitive(f: str = "cube", g: str = "tanh-pi", **constants: Any) -> LearningRule:
-    return LearningRule(activation("g", g), activation("f", f), "competitive", **constants)
-
-
-def _cooperative(f: str = "cube", g: str = "tanh-pi", **constants: Any) -> LearningRule:
-    return LearningRule(activation("f", f), activation("g", g), "cooperative", **constants)
-
-
-def _hebbian(f: str = "cube", g: str = "tanh-pi", **constants: Any) -> LearningRule:
-    activation("f", f), activation("g", g)
-    return LearningRule(linear, linear, "hebbian", **constants)
+def _of_two(name: str, f: str = "cube", g: str = "tanh-pi", **constants: Any) -> LearningRule:
+    expansive, compressive = activation("f", f), activation("g", g)
+    row, column = {
+        "competitive": (compressive, expansive),
+        "cooperative": (expansive, compressive),
+        "hebbian": (linear, linear),
+    }[name]
+    return LearningRule(row, column, name, **constants)
 
 
 RULES: dict[str, Callable[..., Rule]] = {
-    "competitive": _competitive,
-    "cooperative": _cooperative,
-    "hebbian": _hebbian,
+    **{name: partial(_of_two, name) for name in ("competitive", "cooperative", "hebbian")},
     "scale-free": ScaleFreeRule,
 }
 """Makers of the rules, by name, to which everybody can add:

@@ -1,7 +1,7 @@
 """Spectral radius of inhibitory weights, and keeping it under a limit.
 
 The weights are never negative, so their spectral radius is the Perron root: norms of powers bound it from above,
-and powers of `W + I` converge to its eigenvector. A general eigenvalue solver is for single matrices and hard cases.
+and powers of `W + I` converge to its eigenvector, where LAPACK cannot be asked.
 """
 
 from __future__ import annotations
@@ -12,10 +12,7 @@ from torch import Tensor
 from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 
-# LAPACK takes about 10 us a matrix; from this many on, batched squaring is cheaper.
-SQUARING_FROM = 12
-SQUARINGS = 7
-TIGHT = 1e-4
+SQUARINGS = 14
 
 
 def spectral_radius(weights: Tensor) -> Tensor:
@@ -39,32 +36,6 @@ def check_square(name: str, weights: Tensor) -> None:
         raise InputError(f"{name} must be square matrices [..., N, N], got {tuple(weights.shape)}")
 
 
-def perron_root(weights: Tensor) -> Tensor:
-    """Spectral radius of non-negative weights `[B, N, N]` -> `[B]` in double precision, from above, tight to 1e-4.
-
-    Repeated squaring of `W + I` gives the dominant eigenvectors; Collatz and Wielandt's quotient
-    `max (W v)_n / v_n` then bounds the root from above for any positive v, and the two-sided Rayleigh
-    quotient says how tight that is. Matrices where the two differ go to the eigenvalue solver.
-    """
-    # Relative to the largest weight, no power overflows.
-    scale = weights.double().amax((-1, -2)).clamp_min(torch.finfo(torch.float64).tiny)
-    w = weights.double() / scale[:, None, None]
-    if len(w) < SQUARING_FROM:
-        return spectral_radius(w) * scale
-    power = w + torch.eye(w.shape[-1], dtype=w.dtype, device=w.device)
-    for _ in range(SQUARINGS):
-        power = power @ power
-        power = power / power.sum((-1, -2), keepdim=True)
-    right, left = power.sum(-1), power.sum(-2)
-    image = (w @ right.unsqueeze(-1)).squeeze(-1)
-    root = (image / right).amax(-1)
-    rayleigh = (left * image).sum(-1) / (left * right).sum(-1)
-    loose = ~(root - rayleigh <= TIGHT * root)
-    if loose.any():
-        root[loose] = spectral_radius(w[loose])
-    return root * scale
-
-
 def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
     """Scale non-negative weights down where their spectral radius exceeds `limit`. [B §2.4]
 
@@ -79,7 +50,7 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
         raise InputError(f"limit must be a number > 0, got {limit}")
     if weights.ndim < 2 or weights.shape[-1] != weights.shape[-2]:
         raise InputError(f"weights must be [..., N, N], got {tuple(weights.shape)}")
-    if torch.compiler.is_compiling():
+    if torch.compiler.is_compiling() or not weights.is_cpu:
         return always_limited(weights, limit)
     # rho(W)^4 = rho(W^4) <= |W^4|: much tighter than |W|, for weights to silent neurons die out in the powers.
     squared = weights @ weights
@@ -87,21 +58,21 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
     suspect = ~(torch.linalg.matrix_norm(squared @ squared) <= limit**4)
     if not suspect.any():
         return weights
-    flat = weights.reshape(-1, *weights.shape[-2:])
     # Nothing can be done for weights that are not numbers.
     suspect = suspect & torch.isfinite(weights).all(-1).all(-1)
-    at = suspect.reshape(-1).nonzero().squeeze(-1)
-    factor = torch.ones(len(flat), dtype=torch.float64, device=weights.device)
-    # The last digits of the root are rounding: stay just inside.
-    factor[at] = (limit * (1 - 1e-6) / perron_root(flat[at])).clamp_max(1.0)
     # In double precision: the root of single-precision weights can lie beyond single precision.
-    return (weights.double() * factor.reshape(*weights.shape[:-2], 1, 1)).to(weights.dtype)
+    factor = torch.ones(suspect.shape, dtype=torch.float64)
+    # The last digits of the root are rounding: stay just inside.
+    root = torch.linalg.eigvals(weights[suspect].double()).abs().amax(-1)
+    factor[suspect] = (limit * (1 - 1e-6) / root).clamp_max(1.0)
+    return (weights.double() * factor[..., None, None]).to(weights.dtype)
 
 
 def always_limited(weights: Tensor, limit: float) -> Tensor:
-    """`limit_spectral_radius` without decisions, for programs that are compiled or exported: slower, the same to 1e-4.
+    """`limit_spectral_radius` without decisions, for GPUs and compiled or exported programs: the same to 1e-4.
 
-    The root is bounded from above, so the limit holds. Where neurons inhibit one another in one direction only, the
+    Repeated squaring of `W + I` gives the dominant eigenvector, and Collatz and Wielandt's quotient `max (W v)_n / v_n`
+    bounds the root from above, so the limit holds. Where neurons inhibit one another in one direction only, the
     bound comes down slowly: for a chain, of which the root is 0, it is `(N - 1) / 2^14` of the largest weight. So a
     chain of ten neurons with weights above 1800 times the limit is scaled down, and `limit_spectral_radius` leaves it.
     """
@@ -110,7 +81,7 @@ def always_limited(weights: Tensor, limit: float) -> Tensor:
     w = torch.where(finite, w, 0.0)
     scale = w.amax((-1, -2), keepdim=True).clamp_min(torch.finfo(torch.float64).tiny)
     power = w / scale + torch.eye(w.shape[-1], dtype=w.dtype, device=w.device)
-    for _ in range(2 * SQUARINGS):
+    for _ in range(SQUARINGS):
         power = power @ power
         power = power / power.sum((-1, -2), keepdim=True)
     right = power.sum(-1)

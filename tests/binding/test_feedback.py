@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import InhibitoryNetwork, learning_rule, spectral_radius
-from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.rules import ScaleFreeRule
 from tests.compilers import exports
 from tests.strategies import chunkings, in_chunks
@@ -113,11 +112,7 @@ def of_fields(dt: float = 0.04, rule: ScaleFreeRule | None = ScaleFreeRule()) ->
 @settings(max_examples=5, deadline=None)
 @given(lengths=chunkings(30))
 def test_chunks_of_fields_give_the_same_as_the_whole(lengths: list[int]) -> None:
-    signals = two_things(30)
-    inputs, level = FieldInputs(0.04)(signals)
-    parts, last = in_chunks(FieldInputs(0.04), signals, lengths, -3)
-    assert torch.equal(parts, inputs)
-    assert torch.equal(last, level)
+    inputs = 3 * two_things(30)
     whole, end = of_fields()(inputs)
     parts, part_end = in_chunks(of_fields(), inputs, lengths, -3)
     assert torch.equal(parts, whole)
@@ -126,7 +121,7 @@ def test_chunks_of_fields_give_the_same_as_the_whole(lengths: list[int]) -> None
 
 
 def test_features_of_the_same_place_are_bound_and_others_are_not() -> None:
-    _, state = of_fields()(FieldInputs(0.04)(two_things())[0])
+    _, state = of_fields()(3 * two_things())
     bound = torch.maximum(state.weights, state.weights.mT)
     assert bound[UP, RED] > 0.3
     assert bound[DOWN, BLUE] > 0.3

@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose
 from ndtorch.binding import InhibitoryNetwork, alternation, learning_rule, weight_change
 from ndtorch.binding.network import WhenFull
 from ndtorch.binding.rules import ScaleFreeRule
-from ndtorch.binding.spectrum import SQUARING_FROM
 from tests.strategies import chunkings, in_chunks
 
 
@@ -136,9 +135,9 @@ def test_the_power_is_a_mean_from_the_first_step_on() -> None:
         torch.testing.assert_close(power, (share * squares[: 5 * n]).sum(0) / share.sum(0))
 
 
-@pytest.mark.parametrize("count", [3, SQUARING_FROM + 2])
 @pytest.mark.parametrize("when_full", ["rescale", "stop"])
-def test_a_batch_is_that_many_single_runs(count: int, when_full: WhenFull) -> None:
+def test_a_batch_is_that_many_single_runs(when_full: WhenFull) -> None:
+    count = 3
     t = torch.arange(300, dtype=torch.float64) * 0.01
     waves = torch.sin(torch.linspace(8, 30, 2 * count)[:, None] * t).reshape(count, 2, 300)
     inputs = waves.mT @ (0.2 + 0.8 * noise(count, 2, 3).abs())
@@ -147,9 +146,8 @@ def test_a_batch_is_that_many_single_runs(count: int, when_full: WhenFull) -> No
     out, state = small(gamma=gamma, **options)(inputs)
     for i in range(count):
         alone, end = small(gamma=float(gamma[i]), **options)(inputs[i])
-        # Large batches bound the radius from above instead of solving for it: 1e-4 at most.
-        assert_allclose(out[i], alone, atol=2e-3)
-        assert_allclose(state.weights[i], end.weights, atol=2e-3)
+        assert_allclose(out[i], alone, atol=1e-9)
+        assert_allclose(state.weights[i], end.weights, atol=1e-9)
         assert state.stopped[i] == end.stopped
 
 
@@ -180,7 +178,7 @@ def test_gradients_flow_through_learning() -> None:
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
-    count=st.sampled_from([0, 1, SQUARING_FROM - 1, SQUARING_FROM, 20]),
+    count=st.sampled_from([0, 1, 12]),
     when_full=st.sampled_from(["rescale", "stop"]),
     limit=st.sampled_from([0.3, 0.9, 0.95]),
     shared=st.floats(0, 1),

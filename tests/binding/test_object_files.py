@@ -13,7 +13,7 @@ from torch import Tensor
 from ndtorch.binding import ObjectFiles
 from ndtorch.binding.models.retinotopic import owner_column
 from ndtorch.binding.object_files import ObjectFileState
-from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.binding.objects import features_by_group
 from ndtorch.vision import FEATURES
 
 GRID = (16, 16)

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from ndtorch.binding import Attention, BoundObject, bound_objects, describe, object_table
 from ndtorch.binding.attention import attention_mask, feature_weights, winner
-from ndtorch.binding.readout.owners import simplified
+from ndtorch.binding.objects import simplified
 from ndtorch.vision import GROUPS
 
 

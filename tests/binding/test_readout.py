@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ndtorch.binding.models.retinotopic import owner_column
 from ndtorch.binding.network import settled
-from ndtorch.binding.readout.sources import SourceEstimator, SourceState, diagonalise
+from ndtorch.binding.sources import SourceEstimator, SourceState, diagonalise
 from ndtorch.vision import FEATURES, GROUPS
 from ndtorch.vision.temporal import LowPass
 

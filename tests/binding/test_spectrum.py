@@ -21,12 +21,12 @@ from ndtorch.binding import (
     spectral_radius,
 )
 from ndtorch.binding.network import NetworkState
-from ndtorch.binding.spectrum import SQUARING_FROM, always_limited, perron_root
+from ndtorch.binding.spectrum import always_limited
 from ndtorch.binding.theory import count_solutions, largest_free_weight, mixing_from_weights
 from ndtorch.errors import InputError
 
 # Batches that go to the eigenvalue solver, and batches that are squared.
-BATCHES = [1, SQUARING_FROM - 1, SQUARING_FROM, SQUARING_FROM + 9]
+BATCHES = [1, 11]
 
 
 def radius(weights: torch.Tensor) -> np.ndarray:
@@ -80,22 +80,6 @@ def test_spectral_radius_of_known_matrices() -> None:
     assert_allclose(spectral_radius(weights), [6, 0, 2], atol=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
-@given(
-    seed=st.integers(0, 2**31),
-    kind=KINDS,
-    count=st.sampled_from(BATCHES),
-    neurons=st.integers(2, 10),
-    density=st.floats(0.1, 1),
-)
-def test_perron_root_is_the_radius(seed: int, kind, count: int, neurons: int, density: float) -> None:
-    rng = np.random.default_rng(seed)
-    weights = shuffled(rng, kind(rng, count, neurons, density))
-    got, expected = perron_root(weights).numpy(), radius(weights)
-    assert (got >= expected * (1 - 1e-9) - 1e-12).all()
-    assert (got <= expected * (1 + 2e-4) + 1e-12).all()
-
-
 @settings(max_examples=80, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
@@ -116,11 +100,11 @@ def test_limit_holds_and_scales_uniformly(
     assert (radius(limited) <= limit * (1 + 1e-6)).all()
     before = radius(weights)
     for old, new, rho in zip(weights, limited, before, strict=True):
-        if rho <= limit * (1 - 2e-4):
+        if rho <= limit * (1 - 1e-5):
             assert torch.equal(new, old)
         else:
             factor = float(new.max() / old.max())
-            assert factor == pytest.approx(min(1.0, limit / rho), rel=2e-4)
+            assert factor == pytest.approx(min(1.0, limit / rho), rel=1e-5)
             assert_allclose(new, old * factor, rtol=1e-5)
 
 

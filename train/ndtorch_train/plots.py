@@ -47,7 +47,7 @@ def output_panel(
 
 def matrix_panel(axes: Axes, weights: Tensor, title: str, simplified: bool = False) -> None:
     """A 10 x 10 weight matrix as learned, or divided by its largest and cut at a third of it."""
-    from ndtorch.binding.readout.owners import simplified as simplified_weights
+    from ndtorch.binding.objects import simplified as simplified_weights
 
     values = simplified_weights(weights) if simplified else weights
     largest = float(values.max())

@@ -13,9 +13,8 @@ from torch import Tensor
 from ndtorch.arguments import check_dense, check_state
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState
-from ndtorch.binding.normalise import FieldInputs
-from ndtorch.binding.objects import BoundObject
-from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.binding.normalise import group_max, over_groups
+from ndtorch.binding.objects import BoundObject, features_by_group
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import ModelConfig, Size, constant
 from ndtorch.errors import InputError
@@ -176,7 +175,6 @@ class ForegroundModel(BindingModel):
         shrink = max(math.ceil(c.size[0] / most), 2 if c.size[0] >= 0.75 * most else 1)
         self.small = (max(16, c.size[0] // shrink // 4 * 4), max(16, c.size[1] // shrink // 4 * 4))
         self.features = MaskedFeatures(self.small, self.dt)
-        self.normalise = FieldInputs(self.dt, MEMORY_S, FLOOR)
         rule = self.rule = ScaleFreeRule(gamma=0.2 if c.learn else 0.0)
         self.network = InhibitoryNetwork.scale_free(
             10, self.dt, rule, shared=True, settle=self.settle, every=NETWORK_S, faint=MIN_FLUCTUATION
@@ -229,7 +227,11 @@ class ForegroundModel(BindingModel):
         level, network, labels = state.level, state.network, [step.labels for step in steps]
         if scene is not None and steps:
             signals = self.features.signals([step.measured for step in steps], labels)
-            inputs, level = self.normalise(signals, level)
+            levels, keep = [], math.exp(-self.dt / MEMORY_S)
+            for largest in group_max(signals).amax(1):
+                level = torch.maximum(keep * level, largest)
+                levels.append(level)
+            inputs = over_groups(signals, torch.stack(levels).clamp_min(FLOOR).unsqueeze(1))
             outputs, network = self.network(inputs, network)
             self._bind([scene.tracks, *closed], steps, inputs, outputs)
         if scene is not None and len(scene.tracks.path) > MAX_PATH:

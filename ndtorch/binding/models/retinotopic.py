@@ -15,8 +15,7 @@ from ndtorch.binding.models.whole_field import WholeField
 from ndtorch.binding.network import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFiles, ObjectFileState
-from ndtorch.binding.objects import BoundObject
-from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.binding.objects import BoundObject, features_by_group
 from ndtorch.config import Constants, ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures

@@ -15,10 +15,9 @@ from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, settled, weight_change
 from ndtorch.binding.normalise import BindingInputs, InputState, Order
-from ndtorch.binding.objects import ObjectTable, bound_objects
-from ndtorch.binding.readout.owners import object_table
-from ndtorch.binding.readout.sources import SourceEstimator, SourceParams, SourceState
+from ndtorch.binding.objects import ObjectTable, bound_objects, object_table
 from ndtorch.binding.rules import RULES, Rule, ScaleFreeRule, learning_rule
+from ndtorch.binding.sources import SourceEstimator, SourceParams, SourceState
 from ndtorch.config import Constants, Deviations, ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
@@ -406,7 +405,7 @@ class ScaleFreeModel(WholeFieldModel):
     """The model that holds on random scenes. It runs at the rate of the frames.
 
     The network learns which signals go together; number and features of the objects are read from the sums, see
-    `ndtorch.binding.readout.sources`.
+    `ndtorch.binding.sources`.
 
     Args:
         config: constants.

@@ -16,7 +16,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding.network import settled
-from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.binding.objects import features_by_group
 from ndtorch.scenes import Bar, BarScene, three_bars, two_bars
 from ndtorch.scenes.base import RenderedScene
 from ndtorch.vision import VisualFeatures

@@ -16,7 +16,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding.network import settled
-from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.binding.objects import features_by_group
 from ndtorch.vision import GROUPS
 from ndtorch.vision.temporal import HighPass
 from ndtorch_train.benchmark.bar_scenes import CONDITIONS, SECONDS, Film, Sums, draw_film, first_stage, kept_sums

@@ -31,8 +31,7 @@ from torch import Tensor, nn
 from ndtorch.arguments import has_values
 from ndtorch.binding.network import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
-from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.owners import features_by_group, strongest_columns
+from ndtorch.binding.objects import ObjectTable, features_by_group
 from ndtorch.config import Constants, constant
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, HighPass, LowPass, smoothing_factor
@@ -254,7 +253,9 @@ class SourceEstimator(nn.Module):
             mixing = mixing[mixing.square().sum(-1).argsort(descending=True)]
             refined = features_by_group(mixing, 0.0) @ settled(self.first_stage.double()).mT
             if count == 2 and difference < ALIKE:
-                refined = strongest_columns(weights.reshape(-1, 10, 10)[trial], count)
+                # Columns of the neurons that send most inhibition, with themselves.
+                columns = weights.reshape(-1, 10, 10)[trial].mT + torch.eye(10).to(weights)
+                refined = columns[inhibition[trial].topk(count).indices]
             for row in features_by_group(refined, self.params.smallest)[:count].to(rows):
                 k = int(torch.where(owners[trial], -1.0, row * (inhibition[trial] + 1e-3)).argmax())
                 owners[trial, k], rows[trial, k] = True, row

@@ -1,1 +1,0 @@
-"""Network state -> which objects there are: by weights, by owners, by delays."""
