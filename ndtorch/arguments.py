@@ -1,16 +1,17 @@
-"""Checks at the doors of the package: frames, signals, states, sizes and options, one line each."""
+"""Checks at the doors of the package: tensors, states, sizes, options, and which backend computes."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Collection
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from ndtorch.errors import InputError
 
@@ -26,17 +27,59 @@ LARGEST = 1e12
 USUAL = (torch.float32, torch.float64)
 
 
-def has_values(value: Tensor) -> bool:
-    """Whether the numbers of a tensor can be looked at: not while a program is compiled or exported, on the device
+def has_values(*values: Tensor) -> bool:
+    """Whether the numbers of tensors can be looked at: not while a program is compiled or exported, on the device
     `meta`, in `FakeTensorMode`, or inside transforms of `torch.func`.
     """
-    if torch.compiler.is_compiling() or type(value) not in (Tensor, torch.nn.Parameter) or value.is_meta:
+    if torch.compiler.is_compiling():
         return False
-    try:
-        value.data_ptr()  # what `torch.vmap` and `torch.func.grad` wrap has none
-    except RuntimeError:
-        return False
+    for value in values:
+        if type(value) not in (Tensor, nn.Parameter) or value.is_meta:
+            return False
+        try:
+            value.data_ptr()  # what `torch.vmap` and `torch.func.grad` wrap has none
+        except RuntimeError:
+            return False
     return True
+
+
+Backend = Literal["auto", "numba", "torch"]
+"""`auto` takes kernels wherever they can do the work; `numba` refuses what they cannot do; `torch` takes none."""
+
+KERNELS = os.environ.get("NDTORCH_KERNELS", "1") != "0"
+"""With 0 in this environment variable, `auto` means torch."""
+
+
+def check_backend(backend: str) -> Backend:
+    """The backend of this name. Raises `InputError`: there is none."""
+    if backend not in get_args(Backend):
+        raise InputError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
+    return backend  # type: ignore[return-value]
+
+
+def set_backend(module: nn.Module, backend: str) -> None:
+    """Set the backend of a module and of everything in it that has a choice."""
+    chosen = check_backend(backend)
+    if chosen == "torch" and getattr(module, "kernels_only", False):
+        raise InputError(f"{getattr(module, 'name', 'this module')} has compiled kernels only; leave backend out")
+    for part in module.modules():
+        if hasattr(part, "backend"):
+            part.backend = chosen  # type: ignore[assignment]
+
+
+def kernels_wanted(*tensors: Tensor, backend: Backend = "auto") -> bool:
+    """Whether kernels are to be used for these tensors: on the CPU, without gradients, and holding numbers (see
+    `has_values`).
+    """
+    if backend == "torch" or torch.compiler.is_compiling() or (backend == "auto" and not KERNELS):
+        return False
+    gradients = torch.is_grad_enabled()
+    possible = has_values(*tensors)
+    for tensor in tensors:
+        possible &= tensor.is_cpu and not (tensor.requires_grad and gradients)
+    if backend == "numba" and not possible:
+        raise InputError("backend='numba' needs tensors on the CPU that need no gradient")
+    return possible
 
 
 def check_tensor(name: str, value: object, *, half: bool = True, finite: bool = True, meta: bool = False) -> None:
@@ -78,16 +121,10 @@ def check_finite(name: str, value: Tensor) -> None:
             raise InputError(f"{name} must be within {LARGEST:g} of 0, got {value.abs().max():g}")
 
 
-def check_kind(name: str, value: object, kind: type) -> None:
-    """Raise `InputError` unless `value` is None or of that class."""
-    if value is not None and not isinstance(value, kind):
-        raise InputError(f"{name} must be a {kind.__name__} or None, got {type(value).__name__}")
-
-
-def check_state(state: Any, kind: type) -> None:
+def check_state(state: Any, kind: type, name: str = "state") -> None:
     """Raise `InputError` unless `state` is None or of the class that the module returns."""
     if state is not None and not isinstance(state, kind):
-        check_kind("state", state, kind)
+        raise InputError(f"{name} must be a {kind.__name__} or None, got {type(state).__name__}")
 
 
 def check_batch(state: Any, batch: tuple[int, ...], *names: str) -> None:
@@ -96,24 +133,6 @@ def check_batch(state: Any, batch: tuple[int, ...], *names: str) -> None:
         shape = tuple(getattr(state, name).shape)
         if shape[: len(batch)] != tuple(batch):
             raise InputError(f"state.{name} must begin with {tuple(batch)} as the input does, got {shape}")
-
-
-def check_fits(name: str, value: Tensor, like: Tensor) -> None:
-    """Raise `InputError` unless a filter's memory is on the device and of the type of a sample, and of a size that goes
-    with it."""
-    if torch.compiler.is_compiling() or (value.dtype == like.dtype and value.shape == like.shape):
-        return
-    if (value.device, value.dtype) != (like.device, like.dtype):
-        wanted, got = f"{like.dtype} on {like.device}", f"{value.dtype} on {value.device}"
-        raise InputError(f"{name} must be {wanted} as the input is, got {got}")
-    if any(a != b and 1 not in (a, b) for a, b in zip(reversed(value.shape), reversed(like.shape), strict=False)):
-        raise InputError(f"{name} must go with samples {tuple(like.shape)}, got {tuple(value.shape)}")
-
-
-def check_alike(name: str, value: Tensor, like: Tensor) -> None:
-    """Raise `InputError` unless samples that are kept are of the size of those that come."""
-    if value.shape != like.shape and not torch.compiler.is_compiling():
-        raise InputError(f"{name} must be {tuple(like.shape)} as the input is, got {tuple(value.shape)}")
 
 
 def as_path(name: str, value: object) -> Path:

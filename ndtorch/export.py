@@ -16,7 +16,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import as_path, check_kind, check_number
+from ndtorch.arguments import as_path, check_number, check_state
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.files import replacing
@@ -78,7 +78,7 @@ def export(
     if format not in SUFFIXES:
         raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}{did_you_mean(format, SUFFIXES)}")
     place = as_path("folder", folder)
-    check_kind("model", model, BindingModel)
+    check_state(model, BindingModel, "model")
     check_number("frames", frames, least=1, whole=True)
     if not model.exportable:
         raise InputError(f"{model.name} cannot be exported: it does part of its work outside torch")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ndtorch.arguments import set_backend
 from ndtorch.binding.first_stage import first_stage_weights, read_first_stage
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.binding.models.foreground import ForegroundModel
@@ -12,7 +13,6 @@ from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.whole_field import PublishedModel, ScaleFreeModel
 from ndtorch.config import option_places, validated, with_options
 from ndtorch.errors import InputError, did_you_mean
-from ndtorch.utils.backend import set_backend
 from ndtorch.utils.packages import MODELS, folder_of
 from ndtorch.utils.toml import suggestion, toml_values
 

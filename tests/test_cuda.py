@@ -4,10 +4,10 @@ import pytest
 import torch
 
 import ndtorch
+from ndtorch.arguments import set_backend
 from ndtorch.binding import InhibitoryNetwork, load_state, save_state, to_device
 from ndtorch.errors import InputError
 from ndtorch.scenes import RED, Bar, BarScene, Distance, RandomShadow, SineShadow
-from ndtorch.utils.backend import set_backend
 from ndtorch.vision import (
     HassensteinReichardt,
     LocalFeatures,

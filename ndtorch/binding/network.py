@@ -9,10 +9,9 @@ from typing import Any, Literal, NamedTuple, Self
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
+from ndtorch.arguments import Backend, check_backend, check_batch, check_number, check_state, check_tensor, is_whole
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
 from ndtorch.errors import InputError
-from ndtorch.utils.backend import Backend, check_backend
 from ndtorch.vision.temporal import low_pass, low_pass_step, smoothing_factor
 
 Feedback = Literal["delayed", "settled"]
@@ -183,12 +182,10 @@ class InhibitoryNetwork(nn.Module):
         self.neurons, self.dt, self.shared, self.backend = neurons, dt, shared, check_backend(backend)
         self.feedback, self.settle, self.faint, self.when_full = feedback, settle, faint, when_full
         self.every, self.rule, self.time = max(1, round(every / dt)), rule, -3 if shared else -2
-        self.a_in, self.a_rough = smoothing_factor(tau_in, dt, "tau_in"), smoothing_factor(tau_rough, dt, "tau_rough")
-        self.a_out, self.a_power = (
-            smoothing_factor(tau_out, dt, "tau_out"),
-            smoothing_factor(tau_power, dt, "tau_power"),
-        )
+        taus = {"tau_in": tau_in, "tau_rough": tau_rough, "tau_out": tau_out, "tau_power": tau_power}
+        _, _, self.a_out, self.a_power = (smoothing_factor(tau, dt, name) for name, tau in taus.items())
         self.a_mean = smoothing_factor(tau_mean, dt * self.every, "tau_mean")
+        self.tau_in, self.tau_rough = tau_in, tau_rough
         self.window_changes = max(1, round(window / (dt * self.every)))
         self.register_buffer("initial", initial)
         # A low-pass over a block at once: l_j = (1 - a)^(j + 1) l + a sum_i (1 - a)^(j - i) x_i. In double precision,
@@ -234,7 +231,7 @@ class InhibitoryNetwork(nn.Module):
         return NetworkState(
             weights=weights,
             outputs=torch.zeros_like(first),
-            input_low=torch.zeros_like(first) if self.a_in == 0 else first.clone(),
+            input_low=torch.zeros_like(first) if self.tau_in == math.inf else first.clone(),
             output_low=torch.zeros_like(first),
             recent=first.new_zeros(*batch, self.every - 1, *first.shape[len(batch) :]),
             fluctuation=first.new_zeros(*batch, n),
@@ -265,8 +262,8 @@ class InhibitoryNetwork(nn.Module):
         time = self.time
         state = self.start(inputs.select(time, 0)) if state is None else state
         drive, input_low = inputs, state.input_low
-        if self.a_in:
-            lows, input_low = low_pass(inputs, input_low, self.a_in, time)
+        if self.tau_in != math.inf:
+            lows, input_low = low_pass(inputs, input_low, self.tau_in, self.dt, time)
             drive = inputs - lows
         delayed = self.feedback == "delayed"
         out, after, shifts = self._delayed(drive, state) if delayed else self._settled(drive, state)
@@ -327,7 +324,7 @@ class InhibitoryNetwork(nn.Module):
         begun = 0 if compiled else int(state.steps) % every
         ends = range(1, given + 1) if compiled else range(every - begun, given + 1, every)
         outs, shifts, done, steps = list[Tensor](), list[Any](), 0, state.steps
-        ahead = self._timings(steps, drive, ends) if not self.faint else None
+        ahead = self._timings(steps, drive, ends) if ends and not self.faint else None
         for end in ends:
             block = samples.narrow(time, end - 1, every).contiguous()
             out = self._through(block, state.weights)
@@ -439,5 +436,5 @@ class InhibitoryNetwork(nn.Module):
         out, time = out.detach(), self.time
         before = torch.cat([state.outputs.detach().unsqueeze(time), out.narrow(time, 0, out.shape[time] - 1)], time)
         mean = torch.cat([state.power, state.roughness], -1)
-        _, mean = low_pass(torch.cat([out, out - before], -1).square(), mean, self.a_rough, time)
+        _, mean = low_pass(torch.cat([out, out - before], -1).square(), mean, self.tau_rough, self.dt, time)
         return mean[..., : self.neurons], mean[..., self.neurons :]

@@ -93,7 +93,7 @@ class BindingInputs(nn.Module):
             return (inputs, scale), InputState(low.low, raw_history.history, filtered_history.history)
         filtered, low = self.high_pass.scan(sums, low)
         largest, filtered_history = self.recent_max.scan(group_max(filtered.abs()), filtered_history)
-        inputs = over_groups(filtered, torch.maximum(largest, self.floor * raw_max))
+        inputs = divide(filtered, spread_groups(torch.maximum(largest, self.floor * raw_max)))
         end = InputState(low.low, raw_history.history, filtered_history.history)
         return (inputs, scale), end
 

@@ -34,6 +34,7 @@ class JitFunction(Generic[R]):
 
     Attributes:
         function: as it is written, to call it in plain Python.
+        run: the same as calling it, without a step in between once it is compiled.
     """
 
     def __init__(self, function: Callable[..., R], exact: bool) -> None:

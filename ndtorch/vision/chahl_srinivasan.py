@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_alike, check_number, check_tensor
+from ndtorch.arguments import check_number, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import check_series
 
@@ -90,7 +90,6 @@ class ChahlSrinivasan(nn.Module):
         if x.shape[-1] < 3:
             raise InputError(f"x must be at least 3 pixels wide, got shape {tuple(x.shape)}")
         first = x.select(-4, 0) if state is None else state.last
-        check_alike("state.last", first, x.select(-4, 0))
         frames, steps = torch.cat([first.unsqueeze(-4), x], -4), x.shape[-4]
         shift = shift_between(frames.narrow(-4, 0, steps), frames.narrow(-4, 1, steps), self.min_contrast)
         return shift.unsqueeze(-1), ShiftState(x.select(-4, -1))

@@ -95,13 +95,10 @@ def is_smooth(n: int) -> bool:
     return n == 1
 
 
-def low_rows(spectrum: Tensor, rows: int) -> Tensor:
-    """The lowest `rows` frequencies along dim -2 of a spectrum, in the order of a transform of that length."""
-    if rows == spectrum.shape[-2]:
-        return spectrum
+def low_rows(length: int, rows: int) -> Tensor:
+    """Numbers of the lowest `rows` of the frequencies of a line of `length`, in the order of a transform of `rows`."""
     negative = (rows - 1) // 2
-    low = spectrum.narrow(-2, 0, rows - negative)
-    return torch.cat([low, spectrum.narrow(-2, spectrum.shape[-2] - negative, negative)], -2)
+    return torch.cat([torch.arange(rows - negative), torch.arange(length - negative, length)])
 
 
 def inside_weights(length: int, points: int, margin: int, offset: float) -> Tensor:

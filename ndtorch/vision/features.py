@@ -8,15 +8,14 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_size, check_state, has_values
+from ndtorch.arguments import Backend, check_backend, check_size, check_state, has_values, kernels_wanted
 from ndtorch.errors import InputError
-from ndtorch.utils.backend import Backend, check_backend, kernels_wanted
 from ndtorch.utils.tensors import keep_freed_memory
 from ndtorch.vision._kernels_frame import PassConstants, front_end
 from ndtorch.vision.frames import as_float, check_frames, check_range, check_values, grey, rows_apart
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
 from ndtorch.vision.orientation import OrientedDoG
-from ndtorch.vision.temporal import Seconds
+from ndtorch.vision.temporal import Seconds, ratio
 
 FEATURES: tuple[str, ...] = (
     "left",
@@ -92,7 +91,7 @@ class VisualFeatures(nn.Module):
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
-        frames = check_frames(frames, self.size, values=False, device=self.orientation.device)
+        frames = check_frames(frames, self.size, values=False, device=self.orientation.fixed_spectrum.device)
         batch = frames.shape[:-4]
         kernels = kernels_wanted(frames, *(state or ()), *self.parameters(), backend=self.backend)
         if batch and (kernels or (frames.is_cpu and 2 * frames.shape[-1] * frames.shape[-2] > CPU_PIXELS)):
@@ -111,12 +110,13 @@ class VisualFeatures(nn.Module):
             sums.append(torch.cat([self.motion.sums(high, delayed), orientation, color], -1))
         assert state is not None
         out = sums[0] if len(sums) == 1 else torch.cat(sums, -2)
-        check_sums(out)
+        if has_values(out) and not torch.isfinite(out).all():
+            raise InputError("frames must be finite, got NaN or infinite values")
         return out, state
 
     def images(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         """Feature images `[..., T, 10, H, W]`, non-negative; their sums over space are what `forward` gives."""
-        frames = as_float(check_frames(frames, self.size, device=self.orientation.device))
+        frames = as_float(check_frames(frames, self.size, device=self.orientation.fixed_spectrum.device))
         image = grey(frames)
         high, delayed, state = self.motion.scan(image, state)
         motion = self.motion.images(high, delayed)
@@ -148,8 +148,8 @@ class VisualFeatures(nn.Module):
         if state is not None:
             after.slow.copy_(state.slow)
             after.delayed.copy_(state.delayed)
-        shares, wrap = (float(motion.a_high), float(motion.a_low)), motion.border == "wrap"
-        constants = PassConstants(*shares, wrap, o.thinning.blocks[0], o.thinning.margins, every)
+        shares = (float(ratio(motion.tau_high, motion.dt)), float(ratio(motion.tau_low, motion.dt)))
+        constants = PassConstants(*shares, motion.border == "wrap", o.thinning.blocks[0], o.thinning.margins, every)
         # In double precision one at a time: some transforms of several are not the same to the bit as of one.
         together = 1 if kind == torch.float64 else max(1, min(8, (1 << 17) // math.prod(o.thinning.size)))
         passed, oriented = torch.empty(len(frames), 8, dtype=torch.float64), list[Tensor]()
@@ -159,13 +159,14 @@ class VisualFeatures(nn.Module):
             pixels = (last if beside else some.contiguous()).numpy()
             images = torch.empty(len(some), *o.thinning.size, dtype=kind)
             states, settle = (after.slow.numpy(), after.delayed.numpy()), state is None and not oriented
-            front_end(pixels, beside, unit, settle, *states, constants, images.numpy(), sums.numpy())
+            front_end.run(pixels, beside, unit, settle, *states, constants, images.numpy(), sums.numpy())
             oriented.append(o.sums_of_thinned(images))
         if floats and bool(passed[:, -1].any()):
             check_range(frames)
-        moved, color = motion.by_direction(passed[:, :4]).to(kind), passed[:, 4:-1].to(kind)
-        out = torch.cat([moved, torch.cat(oriented), color], -1)
-        check_sums(out)
+        moved = (passed[:, :4] @ motion.directions.double()).clamp_min(0)
+        out = torch.cat([moved.to(kind), torch.cat(oriented), passed[:, 4:-1].to(kind)], -1)
+        if not torch.isfinite(out).all():
+            raise InputError("frames must be finite, got NaN or infinite values")
         return out, after
 
     def _each(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
@@ -183,9 +184,3 @@ class VisualFeatures(nn.Module):
             ends.append(end)
         final = (torch.stack(part).reshape(*batch, *self.size) for part in zip(*ends, strict=True))
         return torch.stack(sums).reshape(*batch, *sums[0].shape), MotionState(*final)
-
-
-def check_sums(sums: Tensor) -> None:
-    """Raise `InputError` where a pixel was not finite: one look at the sums finds it, they carry NaN and infinity."""
-    if has_values(sums) and not torch.isfinite(sums).all():
-        raise InputError("frames must be finite, got NaN or infinite values")

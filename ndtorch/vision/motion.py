@@ -7,10 +7,10 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_fits, check_state
+from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
-from ndtorch.vision.temporal import Seconds, keep_time, low_pass, ratio
+from ndtorch.vision.temporal import Seconds, keep_time, low_pass
 
 Border = Literal["wrap", "reflect"]
 BORDERS: tuple[Border, ...] = ("wrap", "reflect")
@@ -99,26 +99,13 @@ class HassensteinReichardt(nn.Module):
         keep_time(self, tau_high=tau_high, tau_low=tau_low, dt=dt)
         self.register_buffer("directions", torch.tensor(BY_DIRECTION), persistent=False)
 
-    @property
-    def a_high(self) -> float | Tensor:
-        """Share of the new sample that the high-pass takes in."""
-        return ratio(self.tau_high, self.dt)
-
-    @property
-    def a_low(self) -> float | Tensor:
-        """Share of the new sample that the delay filter takes in."""
-        return ratio(self.tau_low, self.dt)
-
     def scan(self, images: Tensor, state: MotionState | None) -> tuple[Tensor, Tensor, MotionState]:
         """Run the temporal filters over grey images `[..., T, H, W]`; returns PH, PHL and the state. [B eq. 7-8]"""
-        check_state(state, MotionState)
         first = images.select(-3, 0)
-        for name, kept in () if state is None else zip(state._fields, state, strict=True):
-            check_fits(f"state.{name}", kept, first)
         slow, delayed = (first, torch.zeros_like(first)) if state is None else state
-        lows, slow = low_pass(images, slow, self.a_high, -3)
+        lows, slow = low_pass(images, slow, self.tau_high, self.dt, -3)
         high = images - lows
-        late, delayed = low_pass(high, delayed, self.a_low, -3)
+        late, delayed = low_pass(high, delayed, self.tau_low, self.dt, -3)
         return high, late, MotionState(slow, delayed)
 
     def images(self, high: Tensor, delayed: Tensor) -> Tensor:
@@ -136,17 +123,13 @@ class HassensteinReichardt(nn.Module):
 
     def sums(self, high: Tensor, delayed: Tensor) -> Tensor:
         """Spatial sums of the four images, `[..., 4]`, without making the images."""
-        return self.by_direction(signed_sums(high, delayed, self.border))
-
-    def by_direction(self, signed: Tensor) -> Tensor:
-        """Sums of the left, right, down and up images from `signed_sums`, `[..., 4]` -> `[..., 4]`.
-
-        The positive part of a signed image sums to half of (sum of magnitudes + sum).
-        """
-        # Rounding can leave -1e-7 of the sum where nothing moves in a direction.
+        signed = signed_sums(high, delayed, self.border)
+        # The positive part of a signed image sums to half of (sum of magnitudes + sum). Rounding can leave -1e-7 of the
+        # sum where nothing moves in a direction.
         return (signed @ self.directions.to(signed.dtype)).clamp_min(0)
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
+        check_state(state, MotionState)
         image = grey(as_float(check_frames(frames)))
         high, delayed, state = self.scan(image, state)
         return self.images(high, delayed), state

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ndtorch.arguments import check_fits, check_state, check_tensor
+from ndtorch.arguments import check_state, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import FilterState, HighPass, LowPass, Seconds, check_series, keep_time, low_pass, ratio
 
@@ -55,14 +55,12 @@ class NDMin(nn.Module):
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         check_series(x, 3, state, FilterState)
-        if state is not None:
-            check_fits("state.low", state.low, x.select(-4, 0))
         return self.scan(x, state)
 
     def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
         """`forward` without checks, for modules that have checked x."""
         # A high-pass written out: on the few pixels of a strip nested modules take as long as the sums.
-        lows, low = low_pass(x, state and state.low, self.a, -4)
+        lows, low = low_pass(x, state and state.low, self.tau_high, self.dt, -4)
         return x - lows, FilterState(low)
 
 

@@ -8,9 +8,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_size, is_finite
+from ndtorch.arguments import Backend, check_size, is_finite
 from ndtorch.errors import InputError
-from ndtorch.utils.backend import Backend
 from ndtorch.vision.decimation import (
     Thinning,
     halvings,
@@ -116,6 +115,7 @@ class OrientedDoG(nn.Module):
 
     fixed_spectrum: Tensor
     fast_parts: Tensor
+    kept_rows: Tensor
     row_frequencies: Tensor
     column_frequencies: Tensor
     exact_filter: RealFilter | None
@@ -190,6 +190,7 @@ class OrientedDoG(nn.Module):
         shifts = torch.stack([torch.polar(torch.ones_like(turn), 2 * math.pi * turn) for turn in turns])
         # In real numbers: `Module.to(dtype)` would take the imaginary parts away.
         spectrum = shifts.unsqueeze(1) * fast / len(OFFSETS)
+        self.register_buffer("kept_rows", low_rows(self.padded[0] // self.blocks[0], self.grid[0]), persistent=False)
         self.register_buffer("fast_parts", torch.view_as_real(spectrum), persistent=False)
         lines = zip(self.padded, self.grid, self.margin, self.starts, cells, strict=True)
         for name, (n, g, m, start, cell) in zip(("row_weights", "column_weights"), lines, strict=True):
@@ -212,16 +213,6 @@ class OrientedDoG(nn.Module):
         return response
 
     @property
-    def fast_spectrum(self) -> Tensor:
-        """The filters on the coarse grids, complex, `[2, 3, h, w // 2 + 1]`."""
-        return torch.view_as_complex(self.fast_parts)
-
-    @property
-    def device(self) -> torch.device:
-        """Where the filters are."""
-        return self.fixed_spectrum.device
-
-    @property
     def spectrum(self) -> Tensor:
         """The filters in the frequency domain, `[3, h, w // 2 + 1]`; of learned deviations computed anew."""
         if not self.learned:
@@ -240,7 +231,7 @@ class OrientedDoG(nn.Module):
         self.exact_filter = RealFilter(self.padded, self.spectrum.detach(), self.padded)
         if not self.exact:
             size = (self.padded[0] // self.blocks[0], self.padded[1] // self.blocks[1])
-            self.fast_filter = RealFilter(size, self.fast_spectrum, (self.grid[0], self.grid[1]))
+            self.fast_filter = RealFilter(size, torch.view_as_complex(self.fast_parts), (self.grid[0], self.grid[1]))
 
     def sums(self, image: Tensor) -> Tensor:
         """Sums over space of the magnitudes, `[..., 3]`, of grey images `[..., H, W]`."""
@@ -273,9 +264,9 @@ class OrientedDoG(nn.Module):
             fast: Tensor = self.fast_filter(image[..., None, None, :, :])
             return fast.abs()
         # At once in both directions: only so is the transform of an image the same to the bit in any batch.
-        low = low_rows(torch.fft.rfft2(image)[..., : self.grid[1] // 2 + 1], self.grid[0])[..., None, None, :, :]
+        low = torch.fft.rfft2(image)[..., self.kept_rows, : self.grid[1] // 2 + 1][..., None, None, :, :]
         # irfft2 divides by the grid's points and a sum has that many fewer terms: the two cancel.
-        size: Tensor = torch.fft.irfft2(low * self.fast_spectrum.to(low.dtype), s=self.grid).abs_()
+        size: Tensor = torch.fft.irfft2(low * torch.view_as_complex(self.fast_parts).to(low.dtype), s=self.grid).abs_()
         return size
 
     def places(self) -> tuple[Tensor, Tensor]:
@@ -287,7 +278,7 @@ class OrientedDoG(nn.Module):
         return found[0], found[1]
 
     def forward(self, frames: Tensor) -> Tensor:
-        return self.images(grey(as_float(check_frames(frames, self.size, device=self.device))))
+        return self.images(grey(as_float(check_frames(frames, self.size, device=self.fixed_spectrum.device))))
 
     def _pad(self, image: Tensor) -> Tensor:
         if self.border == "wrap":
@@ -318,7 +309,7 @@ class RealFilter(nn.Module):
         eye = torch.eye(kept, dtype=torch.complex128)
         matrices = {
             "columns": torch.fft.rfft(torch.eye(size[1], dtype=torch.float64))[:, :kept],
-            "rows": low_rows(torch.fft.fft(torch.eye(size[0], dtype=torch.float64), dim=0), grid[0]),
+            "rows": torch.fft.fft(torch.eye(size[0], dtype=torch.float64), dim=0)[low_rows(size[0], grid[0])],
             "rows_back": torch.fft.ifft(torch.eye(grid[0], dtype=torch.float64), dim=0),
             "columns_back": torch.complex(torch.fft.irfft(eye, grid[1]), torch.fft.irfft(eye * 1j, grid[1])),
             "spectrum": spectrum.to(torch.complex128),

@@ -117,7 +117,9 @@ class LocalFeatures(nn.Module):
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
-        frames = check_frames(frames, self.features.size, values=False, device=self.features.orientation.device)
+        frames = check_frames(
+            frames, self.features.size, values=False, device=self.features.orientation.fixed_spectrum.device
+        )
         check_values(frames)
         signals = []
         for frame in frames.unbind(-4):

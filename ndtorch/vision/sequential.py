@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from torch import nn
 
-from ndtorch.arguments import check_kind
+from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
 
 
@@ -39,7 +39,7 @@ class Sequential(nn.Sequential):
     """
 
     def forward(self, x: Any, state: SequentialState | None = None) -> tuple[Any, SequentialState]:
-        check_kind("state", state, SequentialState)
+        check_state(state, SequentialState)
         before = (None,) * len(self) if state is None else state.parts
         if len(before) != len(self):
             raise InputError(f"state must hold {len(self)} parts, one of each module, got {len(before)}")

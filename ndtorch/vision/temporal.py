@@ -11,8 +11,6 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import (
-    check_alike,
-    check_fits,
     check_number,
     check_state,
     check_tensor,
@@ -93,9 +91,10 @@ def low_pass_step(x: Tensor, low: Tensor, a: float | Tensor) -> Tensor:
     return torch.lerp(low, x, a.to(x.dtype) if isinstance(a, Tensor) else a)
 
 
-def low_pass(x: Tensor, low: Tensor | None, a: float | Tensor, dim: int) -> tuple[Tensor, Tensor]:
+def low_pass(x: Tensor, low: Tensor | None, tau: Seconds, dt: Seconds, dim: int) -> tuple[Tensor, Tensor]:
     """Low-passed samples like `x`, along `dim`, and the last of them; the state `low` defaults to the first sample."""
     samples, lows = x.unbind(dim), []
+    a = dt / ((tau.clamp_min(0) if isinstance(tau, Tensor) else tau) + dt)
     if isinstance(a, Tensor):
         a = a.to(x.dtype)
     low = samples[0] if low is None else low
@@ -143,13 +142,11 @@ class LowPass(nn.Module):
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         check_series(x, self.sample_dims, state, FilterState)
-        if state is not None:
-            check_fits("state.low", state.low, x.select(-1 - self.sample_dims, 0))
         return self.scan(x, state)
 
     def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
         """`forward` without checks, for modules that have checked x."""
-        lows, low = low_pass(x, state and state.low, ratio(self.tau, self.dt), -1 - self.sample_dims)
+        lows, low = low_pass(x, state and state.low, self.tau, self.dt, -1 - self.sample_dims)
         return lows, FilterState(low)
 
 
@@ -165,7 +162,7 @@ class HighPass(LowPass):
 
     def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
         """`forward` without checks, for modules that have checked x."""
-        lows, low = low_pass(x, state and state.low, ratio(self.tau, self.dt), -1 - self.sample_dims)
+        lows, low = low_pass(x, state and state.low, self.tau, self.dt, -1 - self.sample_dims)
         return x - lows, FilterState(low)
 
 
@@ -195,8 +192,6 @@ class RunningMax(nn.Module):
 
     def forward(self, x: Tensor, state: RecentMaxState | None = None) -> tuple[Tensor, RecentMaxState]:
         check_series(x, 1, state, RecentMaxState)
-        if state is not None and self.window > 1:
-            check_alike("the last sample of state.history", state.history[..., -1, :], x[..., 0, :])
         return self.scan(x, state)
 
     def scan(self, x: Tensor, state: RecentMaxState | None) -> tuple[Tensor, RecentMaxState]:
@@ -263,8 +258,6 @@ class Resample(nn.Module):
 
     def forward(self, x: Tensor, state: ResampleState | None = None) -> tuple[Tensor, ResampleState]:
         check_series(x, 1, state, ResampleState)
-        if state is not None:
-            check_alike("state.last", state.last, x[..., 0, :])
         return self.scan(x, state)
 
     def scan(self, x: Tensor, state: ResampleState | None) -> tuple[Tensor, ResampleState]:

@@ -10,9 +10,9 @@ import numpy as np
 import scipy.fft
 import torch
 
+from ndtorch.arguments import set_backend
 from ndtorch.binding import ObjectFiles
 from ndtorch.scenes import two_bars
-from ndtorch.utils.backend import set_backend
 from ndtorch.vision import GROUPS, LocalFeatures, VisualFeatures
 from ndtorch.vision.motion import MotionState
 from tests.benchmarks.timing import Row, in_turn

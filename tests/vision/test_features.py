@@ -10,8 +10,8 @@ import torch
 from numpy.testing import assert_allclose
 from torch import Tensor
 
+from ndtorch.arguments import set_backend
 from ndtorch.errors import InputError
-from ndtorch.utils.backend import set_backend
 from ndtorch.vision import FEATURES, GROUPS, HassensteinReichardt, OrientedDoG, VisualFeatures
 from ndtorch.vision.frames import check_frames, grey
 from ndtorch.vision.motion import BORDERS, Border, MotionState

@@ -10,12 +10,11 @@ from typing import Any, ClassVar, Literal, Self
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import USUAL, as_path
+from ndtorch.arguments import USUAL, Backend, as_path
 from ndtorch.binding.objects import BoundObject, ObjectTable
 from ndtorch.binding.rules import Rule
 from ndtorch.config import ModelConfig, config_text
 from ndtorch.errors import InputError
-from ndtorch.utils.backend import Backend
 from ndtorch.utils.files import write_text
 
 Verdict = Literal["stable", "learning", "alternating", "static"]

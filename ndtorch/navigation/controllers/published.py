@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_kind, check_numbers
+from ndtorch.arguments import check_numbers, check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import CRUISE, STOPPED, SUPPRESSED, TURN, Command, Controller, Trace
 from ndtorch.navigation.controllers.registry import register
@@ -317,7 +317,7 @@ class SaccadeController(PublishedBase):
     def forward(
         self, left: np.ndarray[Any, Any], right: np.ndarray[Any, Any], state: SaccadeState | None = None
     ) -> tuple[Command, SaccadeState]:
-        check_kind("state", state, SaccadeState)
+        check_state(state, SaccadeState)
         shape, interleaved = left.shape, left.shape[:2] == self.size
         colors, size = (shape[2], shape[:2]) if interleaved else (shape[0], shape[1:])
         if size != self.size or colors not in (1, 3) or right.shape != shape or not left.dtype == right.dtype == "u1":

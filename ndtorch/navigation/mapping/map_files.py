@@ -10,7 +10,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import as_path, check_dense, check_kind
+from ndtorch.arguments import as_path, check_dense, check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping.grid_map import Grid
 from ndtorch.utils.files import load_arrays, replacing, save_arrays, write_text
@@ -76,7 +76,7 @@ def save_map(
     """
     folder = as_path("folder", folder)
     check_dense("cells", cells)
-    check_kind("grid", grid, Grid)
+    check_state(grid, Grid, "grid")
     if tuple(cells.shape) != (grid.rows, grid.columns):
         raise InputError(f"expected cells [{grid.rows}, {grid.columns}], got {tuple(cells.shape)}")
     arrays = {"cells": cells.numpy(), "bounds": np.array([grid.left, grid.right, grid.bottom, grid.top])}
