@@ -7,7 +7,6 @@ x forward, y left. A message is an object of the definitions of `rosbags`, with 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -18,14 +17,11 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid, Pose, Ranges
-from ndtorch.navigation.mapping.map_files import FREE, OCCUPIED, PIXEL, ros_pixels
+from ndtorch.navigation import Pose, Ranges
+from ndtorch_robot.navigator_runner import nearest_by_sector
 from ndtorch_robot.ports import DriveCommand
 
 MAP, ODOM, BASE = "map", "odom", "base_link"
-
-BEAMS, HALF_ANGLE = 181, math.pi / 2
-"""Beams of a scan, one a degree, and its angle to each side, radians."""
 
 RANGE_MIN, RANGE_MAX = 0.02, 100.0
 """Smallest and largest range of a scan, m."""
@@ -104,12 +100,9 @@ def laser_scan(ranges: Ranges, time: float) -> Any:
     """
     valid = np.asarray(ranges.valid).reshape(-1)
     x, y = (np.asarray(part, np.float64).reshape(-1)[valid] for part in (ranges.x, ranges.y))
-    step = 2 * HALF_ANGLE / (BEAMS - 1)
-    beam = np.rint((np.arctan2(y, x) + HALF_ANGLE) / step).astype(int)
-    seen = (beam >= 0) & (beam < BEAMS)
-    found = np.full(BEAMS, np.nan, np.float32)
-    np.fmin.at(found, beam[seen], np.hypot(x, y)[seen].astype(np.float32))
-    angles, limits = (-HALF_ANGLE, HALF_ANGLE, step), (RANGE_MIN, RANGE_MAX)
+    near = nearest_by_sector(x, y, 360)[np.arange(-90, 91)]
+    found = np.where(np.isinf(near), np.nan, near).astype(np.float32)
+    angles, limits = (-math.pi / 2, math.pi / 2, math.pi / 180), (RANGE_MIN, RANGE_MAX)
     empty = np.zeros(0, np.float32)
     return new("sensor_msgs/msg/LaserScan", header(time, BASE), *angles, 0.0, 0.0, *limits, found, empty)
 
@@ -133,16 +126,6 @@ def transforms(pose: Pose, place: Pose, time: float) -> Any:
 def transform(parent: str, child: str, pose: Pose, time: float) -> Any:
     place = new("geometry_msgs/msg/Transform", vector(pose.x, pose.y), quaternion(float(pose.heading)))
     return new("geometry_msgs/msg/TransformStamped", header(time, parent), child, place)
-
-
-def occupancy_grid(cells: torch.Tensor, grid: Grid, time: float, path: Sequence[tuple[float, float]] = ()) -> Any:
-    """`nav_msgs/OccupancyGrid` of a map `[rows, columns]`, by the rule of `map.pgm`: 100, 0 along the path, or -1."""
-    pixels = ros_pixels(cells, grid, np.array(path, np.float64).reshape(-1, 2))
-    values = np.where(pixels == OCCUPIED, 100, np.where(pixels == FREE, 0, -1)).astype(np.int8)
-    at, origin = header(time, MAP), ros_pose(Pose(grid.left, grid.bottom, 0.0))
-    rows, columns = values.shape
-    info = new("nav_msgs/msg/MapMetaData", at.stamp, grid.cell * PIXEL, columns, rows, origin)
-    return new("nav_msgs/msg/OccupancyGrid", at, info, values.reshape(-1))
 
 
 def image(pixels: torch.Tensor, frame: str, time: float) -> Any:

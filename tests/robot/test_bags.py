@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
-from ndtorch.navigation import Body, Grid, Pose, StereoRig, cut_strips
+from ndtorch.navigation import Body, Pose, StereoRig, cut_strips
 from ndtorch_robot import ros_messages as ros
 from ndtorch_robot.bags import StereoBag, find_topics, motion
 from ndtorch_robot.ports import DriveCommand
@@ -230,16 +230,3 @@ def test_transforms_lead_to_the_place_in_the_map():
     x = at.x + math.cos(turn) * by.x - math.sin(turn) * by.y
     y = at.y + math.sin(turn) * by.x + math.cos(turn) * by.y
     assert (x, y, turn + ros.yaw(inner.transform.rotation)) == pytest.approx(tuple(place))
-
-
-def test_a_map_of_what_is_occupied_and_free():
-    """5 cm a pixel: a cell of 1 cm fills its pixel, a faint one does not, and the body was where the path is."""
-    grid, cells = Grid(-1.0, 1.0, 0.0, 0.5, cell=0.01), torch.zeros(50, 200)
-    cells[22, 151], cells[40, 10], cells[40, 100] = 1.0, 0.01, 0.5
-    found = read_again(ros.occupancy_grid(cells, grid, 0.0, [(-0.9, 0.02)]))
-    assert (found.info.width, found.info.height, found.info.resolution) == (40, 10, pytest.approx(0.05))
-    data = np.array(found.data).reshape(10, 40)
-    assert np.argwhere(data == 100).tolist() == [[4, 30], [8, 20]]
-    free = np.argwhere(data == 0) * 0.05 + (0.025, 0.025 - 1.0)
-    assert np.hypot(*(free - (0.02, -0.9)).T).max() < 0.25
-    assert set(data.ravel()) == {-1, 0, 100}

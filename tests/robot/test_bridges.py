@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Command, Grid, GridMap, NavigatorState, Pose, Ranges, StereoRig
+from ndtorch.navigation import Command, NavigatorState, Pose, Ranges
 from ndtorch.utils.toml import Strict, check
-from ndtorch_robot.bridges import BRIDGES, Bridge, BridgeThread, Opening, bridge, open_bridges
+from ndtorch_robot.bridges import BRIDGES, Bridge, Opening, bridge, open_bridges
 from ndtorch_robot.navigator_runner import nearest_by_sector, seen_obstacles
 from ndtorch_robot.ports import DriveCommand, Step
 from ndtorch_robot.run_config import RunConfig
@@ -27,56 +27,57 @@ from tests.robot.support.cars import RIG, FilmCar, bare_loop, known_step, moving
 class Held(Bridge):
     """Takes a step, and the next one when it is let go."""
 
-    def __init__(self):
+    def __init__(self, lines):
         self.steps, self.go, self.closed, self.polls = [], threading.Event(), 0, 0
+        super().__init__("held", lines.append)
 
-    def publish(self, step):
-        self.steps.append(step)
+    def handle(self, item):
+        self.steps.append(item)
         self.go.wait(20)
 
-    def poll(self):
+    def idle(self):
         self.polls += 1
 
-    def close(self):
+    def finish(self):
         self.closed += 1
 
 
 class Broken(Held):
-    def publish(self, step):
+    def handle(self, item):
         raise RuntimeError("no route\nto host")
 
 
 def test_a_slow_bridge_gets_the_newest_step():
-    held, lines = Held(), []
-    thread = BridgeThread("held", held, lines.append)
-    thread(0)
+    lines = []
+    held = Held(lines)
+    held(0)
     assert wait_for(lambda: held.steps == [0])
     for number in range(1, 50):
-        thread(number)
+        held(number)
     held.go.set()
     assert wait_for(lambda: held.steps == [0, 49])
     assert wait_for(lambda: held.polls > 2)
-    thread.close(1.0)
+    held.close()
     assert (held.closed, lines) == (1, [])
 
 
 def test_a_bridge_that_hangs_is_left_behind():
-    held, lines = Held(), []
-    thread = BridgeThread("held", held, lines.append)
-    thread(0)
+    lines = []
+    held = Held(lines)
+    held(0)
     assert wait_for(lambda: held.steps == [0])
-    thread.close(0.05)
+    held.close(0.05)
     assert lines == ["the bridge held hangs: left behind"]
     held.go.set()
 
 
 def test_a_bridge_that_fails_ends_with_one_line_and_the_car_drives_on():
-    broken, lines, steps = Broken(), [], []
-    car = bare_loop(FilmCar(moving_world(40, RIG)), RIG, [steps.append], controller="published")
-    car.observers.append(BridgeThread("broken", broken, lines.append))
+    lines, steps = [], []
+    broken = Broken(lines)
+    car = bare_loop(FilmCar(moving_world(40, RIG)), RIG, [steps.append, broken], controller="published")
     assert car.run(38.5 / 30) == 40
     assert wait_for(lambda: broken.closed == 1)
-    assert lines == ["the bridge broken has ended: RuntimeError: no route to host"]
+    assert lines == ["the bridge held has ended: RuntimeError: no route to host"]
     assert steps[-1].sent.speed > 0
     assert car.safe.faults[1:] == []  # the first is that nobody had started it
 
@@ -90,7 +91,7 @@ def test_another_bridge_is_a_class_a_table_and_a_function():
 
     @bridge("paper")
     def open_paper(settings: PaperSettings, opening):
-        made.append((settings.pages, Held()))
+        made.append((settings.pages, Held([])))
         return made[-1][-1]
 
     try:
@@ -144,13 +145,13 @@ def test_distances_and_odometry_reach_the_autopilot():
     port, (step, runner), lines = free_port(), known_step(), []
     autopilot = Autopilot(port)
     tables = {"mavlink": {"device": f"udpin:127.0.0.1:{port}"}}
-    with open_bridges(tables, Opening(lines.append, runner)) as (thread,):
-        assert wait_for(thread.bridge.connection.heard.is_set)
-        thread(step._replace(state=None))
+    with open_bridges(tables, Opening(lines.append, runner)) as (mavlink,):
+        assert wait_for(mavlink.connection.heard.is_set)
+        mavlink(step._replace(state=None))
         for n in range(1, 4):
-            assert wait_for(lambda n=n: thread.taken == n)
-            thread(step._replace(restarted=n == 2))
-        assert wait_for(lambda: len(autopilot.of_type("ODOMETRY")) == 3)
+            assert wait_for(mavlink.queue.empty)
+            mavlink(step._replace(restarted=n == 2))
+            assert wait_for(lambda n=n: len(autopilot.of_type("ODOMETRY")) == n)
         distance, moved = autopilot.of_type("OBSTACLE_DISTANCE")[-1], autopilot.of_type("ODOMETRY")[-1]
         resets = [message.reset_counter for message in autopilot.of_type("ODOMETRY")]
     autopilot.close()
@@ -171,16 +172,16 @@ def ros2():
     pytest.importorskip("cyclonedds")
     from tests.robot.support import ros2_peer
 
-    x, y, grid = np.array([0.8, -0.5]), np.array([0.4, -0.6]), Grid(-1, 1, -1, 1)
+    x, y = np.array([0.8, -0.5]), np.array([0.4, -0.6])
     ranges, command = Ranges(x, x, x, x, y, np.array([True, True])), DriveCommand(0.4, 0.5)
     fields = dict.fromkeys(NavigatorState._fields)
     state = NavigatorState(**fields | {"command": Command(0.0, 0.0), "pose": Pose(1.0, 2.0, 0.3), "ranges": ranges})
-    navigator = SimpleNamespace(grid_map=GridMap(StereoRig(), grid), controller=SimpleNamespace(has_goals=True))
-    runner = SimpleNamespace(grid=grid, navigator=navigator, new_goal=None)
+    navigator = SimpleNamespace(controller=SimpleNamespace(has_goals=True))
+    runner = SimpleNamespace(navigator=navigator, new_goal=None)
     runner.drive_to = lambda *goal: setattr(runner, "new_goal", goal)
     step = Step(3, 12.5, None, command, command, command, state)
     lines, domain = [], 20 + os.getpid() % 200
-    with open_bridges({"ros2": {"domain_id": domain, "map_period_s": 0.1}}, Opening(lines.append, runner)) as (thread,):
+    with open_bridges({"ros2": {"domain_id": domain}}, Opening(lines.append, runner)) as (thread,):
         words = [sys.executable, ros2_peer.__file__, str(domain)]
         peer = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         number, began = 0, time.time()

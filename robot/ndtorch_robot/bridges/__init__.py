@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,10 +18,8 @@ from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Drive, Report, Step
 from ndtorch_robot.step_thread import StepThread
 
-__all__ = ["BRIDGES", "Bridge", "BridgeThread", "Opening", "bridge", "open_bridges"]
-
 POLL = 0.01
-"""Seconds that a bridge waits for a step before it looks for what has arrived."""
+"""Seconds between two calls of `idle` at most."""
 
 CLOSE_TIMEOUT = 1.0
 """Seconds to wait for a bridge at the end: one that hangs is left behind."""
@@ -43,63 +40,40 @@ class Opening:
     drive: Drive | None = None
 
 
-class Bridge(ABC):
-    """A connection to another system. All methods are called in the bridge's own thread, and may be slow or raise."""
+class Bridge(StepThread):
+    """An observer of the loop with a connection to another system, in a thread of its own.
 
-    @abstractmethod
-    def publish(self, step: Step) -> None:
-        """Send the newest step; older ones may have been left out."""
+    Another bridge sends the newest step in `handle`, takes what has arrived in `idle`, gives everything back in
+    `finish`, and calls this constructor last. In these methods it may be slow or raise.
+    """
 
-    def poll(self) -> None:  # noqa: B027  nothing comes back from some
-        """Take what has arrived; called at least every `POLL` seconds. Must not wait."""
+    def __init__(self, name: str, report: Report) -> None:
+        super().__init__(f"bridge {name}", 1, "newest", report, POLL)
 
-    def close(self) -> None:  # noqa: B027
-        """Give everything back."""
+    def __call__(self, step: Step) -> None:
+        self.put(step)
+
+    def fail(self, words: str) -> None:
+        super().fail(words)
+        if threading.current_thread() is self.thread:
+            with contextlib.suppress(Exception):
+                self.finish()
+
+    def close(self, patience: float | None = CLOSE_TIMEOUT) -> None:
+        super().close(patience)
 
 
 BRIDGES: Registry[Callable[..., Bridge]] = Registry("bridge", __name__)
 bridge = BRIDGES.register
 
 
-class BridgeThread(StepThread):
-    """An observer of the loop that hands the newest step to a bridge in a thread of its own.
-
-    Attributes:
-        taken: steps so far.
-    """
-
-    def __init__(self, name: str, bridge: Bridge, report: Report) -> None:
-        self.bridge, self.taken = bridge, 0
-        super().__init__(f"bridge {name}", 1, "newest", report, POLL)
-
-    def __call__(self, step: Step) -> None:
-        self.put(step)
-
-    def handle(self, item: Step) -> None:
-        self.bridge.publish(item)
-        self.taken += 1
-
-    def idle(self) -> None:
-        self.bridge.poll()
-
-    def finish(self) -> None:
-        self.bridge.close()
-
-    def fail(self, words: str) -> None:
-        super().fail(words)
-        if threading.current_thread() is self.thread:
-            with contextlib.suppress(Exception):
-                self.bridge.close()
-
-
 @contextlib.contextmanager
-def open_bridges(tables: Mapping[str, Mapping[str, Any]], opening: Opening) -> Iterator[list[BridgeThread]]:
+def open_bridges(tables: Mapping[str, Mapping[str, Any]], opening: Opening) -> Iterator[list[Bridge]]:
     """The bridges of the `[bridges]` tables, each an observer of the loop, closed afterwards."""
     with contextlib.ExitStack() as stack:
-        threads = []
+        bridges = []
         for name, values in tables.items():
             opener = BRIDGES.find(name)
             settings = read_settings(opener, values, f"bridges.{name}")
-            threads.append(BridgeThread(name, opener(settings, opening), opening.report))
-            stack.callback(threads[-1].close, CLOSE_TIMEOUT)
-        yield threads
+            bridges.append(stack.enter_context(opener(settings, opening)))
+        yield bridges

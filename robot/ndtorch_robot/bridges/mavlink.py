@@ -13,24 +13,28 @@ from ndtorch_robot.ports import Step
 SECTORS = 72
 """Distances in an OBSTACLE_DISTANCE, 5 degrees each."""
 
-LIMITS_CM = (5, 700)
-"""Least and largest distance that are reported, cm."""
-
-UNKNOWN = 65535
-"""Distance of a sector of which nothing is known."""
+LIMITS_CM, UNKNOWN = (5, 700), 65535
+"""Least and largest distance that are reported, cm, and that of a sector of which nothing is known."""
 
 
 class MavlinkBridge(Bridge):
-    """Sends obstacles in the frame of the body, and dead reckoning, at every step."""
+    """Sends obstacles in the frame of the body, and dead reckoning, at every step.
 
-    def __init__(self, connection: MavlinkConnection, opening: Opening, shared: bool) -> None:
-        self.connection, self.opening, self.shared, self.resets = connection, opening, shared, 0
+    Its connection is that of the link where that is MAVLink, too, and the table names no other device.
+    """
 
-    def publish(self, step: Step) -> None:
+    def __init__(self, settings: MavlinkSettings, opening: Opening) -> None:
+        drive, self.navigator, self.resets = opening.drive, opening.runner.navigator, 0
+        self.shared = isinstance(drive, MavlinkDrive) and "device" not in settings.model_fields_set
+        shared = drive.connection if isinstance(drive, MavlinkDrive) and self.shared else None
+        self.connection = shared or MavlinkConnection(settings)
+        super().__init__("mavlink", opening.report)
+
+    def handle(self, item: Step) -> None:
+        step, d = item, self.connection.dialect
         if step.state is None:
             return
-        d, stamp = self.connection.dialect, int(step.time * 1e6) % 2**63
-        seen = seen_obstacles(step.state, self.opening.runner.navigator)
+        stamp, seen = int(step.time * 1e6) % 2**63, seen_obstacles(step.state, self.navigator)
         # Clockwise from ahead: y is to the right in MAVLink.
         near = nearest_by_sector(seen.x, -seen.y, SECTORS).tolist()
         cm = [UNKNOWN if math.isinf(distance) else min(round(100 * distance), UNKNOWN - 1) for distance in near]
@@ -46,14 +50,11 @@ class MavlinkBridge(Bridge):
         after = (unknown, unknown, self.resets, d.MAV_ESTIMATOR_TYPE_VISION)
         self.connection.send("odometry", stamp, *frames, x, y, 0.0, attitude, *motion, *after)
 
-    def close(self) -> None:
+    def finish(self) -> None:
         if not self.shared:
             self.connection.close()
 
 
 @bridge("mavlink")
 def open_mavlink(settings: MavlinkSettings, opening: Opening) -> MavlinkBridge:
-    """A bridge on the connection of the link where that is MAVLink, too, and the table names no other device."""
-    if isinstance(opening.drive, MavlinkDrive) and "device" not in settings.model_fields_set:
-        return MavlinkBridge(opening.drive.connection, opening, shared=True)
-    return MavlinkBridge(MavlinkConnection(settings), opening, shared=False)
+    return MavlinkBridge(settings, opening)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from functools import cache
 from typing import Annotated, Any
 
@@ -25,33 +24,27 @@ CONFIG = """<CycloneDDS><Domain Id="any">
 <Peers>{}</Peers></Discovery></Domain></CycloneDDS>"""
 """Participants are looked for at named peers, without multicast."""
 
-PUBLISHED = {
-    "scan": "sensor_msgs/msg/LaserScan",
-    "odom": "nav_msgs/msg/Odometry",
-    "tf": "tf2_msgs/msg/TFMessage",
-    "map": "nav_msgs/msg/OccupancyGrid",
-}
+PUBLISHED = {"scan": "sensor_msgs/msg/LaserScan", "odom": "nav_msgs/msg/Odometry", "tf": "tf2_msgs/msg/TFMessage"}
 GOAL = "geometry_msgs/msg/PoseStamped"
 
 
 class Ros2Settings(Strict):
-    """`[bridges.ros2]`: who is spoken to, and how often the map is published.
+    """`[bridges.ros2]`.
 
     Args:
         domain_id: ROS_DOMAIN_ID.
         peer: address of the other computer; this one alone by default.
-        map_period_s: seconds between two maps.
     """
 
     domain_id: Annotated[int, Field(ge=0, le=232)] = 0
     peer: Annotated[str, Field(pattern=r"^[\w.:-]+$")] = "127.0.0.1"
-    map_period_s: Annotated[float, Field(gt=0)] = 5.0
 
 
 class Ros2Bridge(Bridge):
-    """Publishes /scan, /odom, /tf and /map, and takes /goal_pose where there are goals.
+    """Publishes /scan, /odom and /tf, and takes /goal_pose where there are goals.
 
-    Topics and types have the names that ROS 2 gives them over DDS: `/scan` is `rt/scan`.
+    Topics and types have the names that ROS 2 gives them over DDS: `/scan` is `rt/scan`. Publishers are reliable;
+    goals are taken with best effort, which gets on with every publisher.
 
     Raises:
         InputError: Cyclone DDS is not installed, or does not start.
@@ -59,8 +52,12 @@ class Ros2Bridge(Bridge):
 
     def __init__(self, settings: Ros2Settings, opening: Opening) -> None:
         need("cyclonedds", "a bridge to ROS 2")
-        from cyclonedds.core import DDSException
+        from cyclonedds.core import DDSException, Policy, Qos
         from cyclonedds.domain import Domain, DomainParticipant
+        from cyclonedds.pub import DataWriter
+        from cyclonedds.sub import DataReader
+        from cyclonedds.topic import Topic
+        from cyclonedds.util import duration
 
         loopback = settings.peer in ("127.0.0.1", "localhost")
         interface = 'name="lo"' if loopback else 'autodetermine="true"'
@@ -70,58 +67,40 @@ class Ros2Bridge(Bridge):
             self.participant: Any = DomainParticipant(settings.domain_id)
         except DDSException as error:
             raise InputError(f"Cyclone DDS does not start in domain {settings.domain_id}: {error.msg}") from None
-        self.settings, self.opening, self.grid = settings, opening, opening.runner.grid
-        self.send = {name: self.publisher(name, kind) for name, kind in PUBLISHED.items()}
-        self.take_goals = self.subscriber("goal_pose") if opening.runner.navigator.controller.has_goals else list
-        self.wall_clock, self.mapped = math.inf, -math.inf
+        self.runner, self.wall_clock, participant = opening.runner, math.inf, self.participant
 
-    def publish(self, step: Step) -> None:
+        def topic(name: str, kind: str) -> Any:
+            return Topic(participant, f"rt/{name}", wire_type(kind))
+
+        reliable = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(1))
+        self.writers = {name: DataWriter(participant, topic(name, PUBLISHED[name]), qos=reliable) for name in PUBLISHED}
+        best_effort = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(10))
+        has_goals = opening.runner.navigator.controller.has_goals
+        self.goals = DataReader(participant, topic("goal_pose", GOAL), qos=best_effort) if has_goals else None
+        super().__init__("ros2", opening.report)
+
+    def handle(self, item: Step) -> None:
         # The least delay so far is taken for none: steps have the times of the loop's clock, stamps those of the wall.
-        self.wall_clock = min(self.wall_clock, time.time() - step.time)
-        now, state, navigator = step.time + self.wall_clock, step.state, self.opening.runner.navigator
+        self.wall_clock = min(self.wall_clock, time.time() - item.time)
+        now, state = item.time + self.wall_clock, item.state
         if state is None:
             return
-        self.send["scan"](ros.laser_scan(seen_obstacles(state, navigator), now))
-        self.send["odom"](ros.odometry(state.pose, step.driven, now))
-        self.send["tf"](ros.transforms(state.pose, state.place, now))
-        if self.grid is not None and step.time - self.mapped >= self.settings.map_period_s:
-            self.mapped = step.time
-            assert navigator.grid_map is not None
-            self.send["map"](ros.occupancy_grid(navigator.grid_map.normalised(state.map), self.grid, now))
+        messages = {
+            "scan": ros.laser_scan(seen_obstacles(state, self.runner.navigator), now),
+            "odom": ros.odometry(state.pose, item.driven, now),
+            "tf": ros.transforms(state.pose, state.place, now),
+        }
+        for name, message in messages.items():
+            self.writers[name].write(wire_type(PUBLISHED[name]).of(ros.to_cdr(message)))
 
-    def poll(self) -> None:
-        for message in self.take_goals():
-            self.opening.runner.drive_to(message.pose.position.x, message.pose.position.y)
+    def idle(self) -> None:
+        for sample in () if self.goals is None else self.goals.take(10):
+            if hasattr(sample, "cdr"):
+                place = ros.from_cdr(sample.cdr, GOAL).pose.position
+                self.runner.drive_to(place.x, place.y)
 
-    def close(self) -> None:
+    def finish(self) -> None:
         self.participant = self.domain = None
-
-    def publisher(self, topic: str, kind: str) -> Callable[[Any], None]:
-        """What publishes messages of a type, reliably; who subscribes to the map later gets the last one, too."""
-        from cyclonedds.core import Policy, Qos
-        from cyclonedds.pub import DataWriter
-        from cyclonedds.topic import Topic
-        from cyclonedds.util import duration
-
-        durability = Policy.Durability.TransientLocal if topic == "map" else Policy.Durability.Volatile
-        qos = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(1), durability)
-        data_type = wire_type(kind)
-        writer = DataWriter(self.participant, Topic(self.participant, f"rt/{topic}", data_type), qos=qos)
-
-        def publish(message: Any) -> None:
-            writer.write(data_type.of(ros.to_cdr(message)))
-
-        return publish
-
-    def subscriber(self, topic: str) -> Callable[[], list[Any]]:
-        """What takes the goals that have arrived; best effort, which gets on with every publisher."""
-        from cyclonedds.core import Policy, Qos
-        from cyclonedds.sub import DataReader
-        from cyclonedds.topic import Topic
-
-        qos = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(10))
-        reader = DataReader(self.participant, Topic(self.participant, f"rt/{topic}", wire_type(GOAL)), qos=qos)
-        return lambda: [ros.from_cdr(sample.cdr, GOAL) for sample in reader.take(10) if hasattr(sample, "cdr")]
 
 
 @cache

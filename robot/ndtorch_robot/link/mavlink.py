@@ -27,8 +27,8 @@ GREETING, HEARTBEAT_EVERY, TICK = 5.0, 1.0, 0.02
 HEARTBEAT_PATIENCE, MOTION_PATIENCE = 2.5, 0.5
 """Seconds without a heartbeat, which comes once a second, and without motion, after which the autopilot is lost."""
 
-MOTION_RATE = 30
-"""Times a second that the autopilot is asked for its motion."""
+MOTION_INTERVAL_US = 1e6 / 30
+"""Time between two messages of motion that the autopilot is asked for."""
 
 GUIDED = 15
 """Number of the mode of ArduPilot Rover that takes set-points."""
@@ -217,7 +217,7 @@ class MavlinkDrive(Drive):
             self.asked = now
             request = self.connection.settings.system_id, AUTOPILOT, d.MAV_CMD_SET_MESSAGE_INTERVAL, 0
             for message in (d.MAVLINK_MSG_ID_ATTITUDE, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
-                self.connection.send("command_long", *request, message, 1e6 / MOTION_RATE, *[0.0] * 5)
+                self.connection.send("command_long", *request, message, MOTION_INTERVAL_US, *[0.0] * 5)
 
 
 @link("mavlink")
