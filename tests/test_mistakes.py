@@ -61,7 +61,6 @@ CASES = {
         drive --arena nowhere.toml => no such file
         drive --controller rangin => did you mean ranging?
         drive --odometry nosy => did you mean noisy?
-        drive --walls blnk
         drive --seconds 1e99
         drive --seed -1 => seed must be
         drive --features 0 => features must be a whole number
@@ -74,7 +73,6 @@ CASES = {
         drive --out /proc/nothing => cannot write there
         evaluate --arenas rom => did you mean room?
         evaluate --controllers gaol => did you mean goal?
-        evaluate --walls blnk => did you mean blank?
         evaluate --seeds => --seeds and --arenas need one value or more
         evaluate --jobs -2 => --jobs must be 1 or more
         evaluate --arenas room --out /proc/nothing => cannot write there

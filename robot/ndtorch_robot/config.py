@@ -94,10 +94,6 @@ class DriveConfig(RobotOptions):
     """Simulated time, s."""
     odometry: Literal["true", "noisy"] = "true"
     """Dead reckoning: exact (true), or 1 % too long with a drift of 0.05 degrees a second (noisy)."""
-    walls: Literal["textured", "blank"] = "textured"
-    """Walls: with panels, doors and papers (textured), or without texture (blank)."""
-    pedestrian: bool = False
-    """Add a person who walks to and fro."""
     disturbance: str = ""
     """Disturbances of cameras and car: names (noise, flicker, pitch-up, ...) or KEY=NUMBER, with commas."""
     out: Path = Path("out/drive")

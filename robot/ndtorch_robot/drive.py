@@ -28,11 +28,10 @@ from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.sim.simulation import Simulation
 
-DRAWN, BLANK = 2.0, 60.0
-"""Walls that are drawn blank have no marks: a car that turns away from one may see nothing for a second, and where all
-walls are blank until it has found a way out."""
+DRAWN = 2.0
+"""Seconds without contrast that are no fault: walls have stretches without marks, from which a car turns away."""
 
-FACTS = ("arena", "seed", "controller", "walls", "odometry", "disturbance")
+FACTS = ("arena", "seed", "controller", "odometry", "disturbance")
 """Options that the summary repeats."""
 
 STOP_TIME = 2.0
@@ -80,8 +79,6 @@ def drive(
     simulation = Simulation(
         plan,
         config.seed,
-        walls=config.walls,
-        pedestrian=config.pedestrian,
         odometry=config.odometry,
         full_frames=bool(config.view) or config.rrd is not None,
         fields=runner.fields,
@@ -90,8 +87,7 @@ def drive(
         rig=rig,
         body=body,
     )
-    patience = BLANK if config.walls == "blank" else DRAWN
-    monitor = CameraMonitor(rig, rate, config.limits.frame_age_s, patience, rendered=True)
+    monitor = CameraMonitor(rig, rate, config.limits.frame_age_s, DRAWN, rendered=True)
     safe = SafeDrive(simulation, simulation, config.limits, monitor)
     car = Car(runner, simulation, safe, steer=steer, max_steps=max(1, round(config.seconds * rate)))
     record, path = Record(runner, lambda: simulation.pose), WalkedPath()
@@ -144,7 +140,6 @@ def summarise(
         **{name: getattr(config, name) for name in FACTS},
         "simulated_seconds": round(seconds, 3),
         "collisions": len(hits),
-        "people_hit": sum(hit.person and not hit.stationary for hit in hits),
         "collisions_per_hour": round(len(hits) / seconds * 3600, 1) if seconds else math.nan,
         "stopped": len(respawn.stops),
         "distance_m": round(record.distance, 3) if len(poses) else 0.0,

@@ -22,7 +22,6 @@ from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import ARENAS, load_arena
 from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.simulation import RIG, CarLimits, Simulation
-from ndtorch_robot.sim.textures import Walls
 
 Pixels = npt.NDArray[np.uint8]
 Observation = dict[str, npt.NDArray[Any]]
@@ -72,8 +71,6 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         observation: `"strips"` or `"frames"`.
         controller: whose patch of floor is seen.
         building: number of the only building, or None.
-        walls: as of `Simulation`.
-        moving: with a pedestrian.
         disturbance: what is wrong with cameras and car, in the words of `ndtorch drive --disturbance`.
         render_mode: None or `"rgb_array"`: `render` gives the left camera's frame.
 
@@ -89,8 +86,6 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         observation: Literal["strips", "frames"] = "strips",
         controller: str = "ranging",
         building: int | None = None,
-        walls: Walls = "textured",
-        moving: bool = False,
         disturbance: str = "",
         render_mode: str | None = None,
     ) -> None:
@@ -102,7 +97,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
                 raise InputError(f"{name} must be {words[0]!r} or {words[1]!r}, got {value!r}")
         load_arena(arena, building or 0)
         self.building, self.disturbances = building, read_disturbances(disturbance)
-        self.arena, self.walls, self.moving = arena, walls, moving
+        self.arena = arena
         self.strips, self.render_mode = observation == "strips", render_mode
         self.fields = NavigatorOptions(controller=controller).fields(RIG)
         field = self.fields[0]
@@ -132,8 +127,6 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             self.simulation = Simulation(
                 load_arena(self.arena, building),
                 building,
-                walls=self.walls,
-                pedestrian=self.moving,
                 full_frames=not self.strips or self.render_mode is not None,
                 fields=self.fields,
                 disturbances=self.disturbances,

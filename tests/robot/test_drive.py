@@ -41,7 +41,7 @@ def same(a, b):
 
 
 def test_same_seed_same_drive():
-    config = DriveConfig(arena="room", seed=1, seconds=6, pedestrian=True, controller="published")
+    config = DriveConfig(arena="room", seed=1, seconds=6, controller="published")
     first = drive(config)
     assert first.summary["collisions"] + first.summary["turns"] > 0
     same(first, drive(config))

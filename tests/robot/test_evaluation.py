@@ -26,7 +26,6 @@ MAP = ("precision", "recall", "position_error_cm", "spacing_error_percent", "sur
 def summary(arena="room", seed=1, controller="published", **changes):
     values = {
         "arena": arena,
-        "walls": "textured",
         "controller": controller,
         "seed": seed,
         "simulated_seconds": 900.0,
@@ -45,7 +44,7 @@ def test_key_names_what_a_drive_depends_on(tmp_path):
     arena, robot = tmp_path / "my.toml", tmp_path / "robot.toml"
     for file in (arena, robot):
         file.write_text("first")
-    changed = [{"seed": 3}, {"seconds": 61.0}, {"arena": "room"}, {"walls": "blank"}, {"arena": str(arena)}]
+    changed = [{"seed": 3}, {"seconds": 61.0}, {"arena": "room"}, {"arena": str(arena)}]
     changed.append({"robot": robot})
     keys = [digest(key_of(replace(config, **change))) for change in ({}, *changed)]
     assert len(set(keys)) == len(changed) + 1
@@ -71,7 +70,7 @@ def test_rows_are_of_all_drives_together():
     assert room["map recall %"] == 60
     assert loop["collisions/h"] == 8.0
     lines = markdown(table, "note").splitlines()
-    assert lines[2] == "| room | textured | published | - | 2 | 1.00 | 2.0 | 1.0 | 800 | 70 | 70 | 95 | 60 |"
+    assert lines[2] == "| room | published | - | 2 | 1.00 | 2.0 | 1.0 | 800 | 70 | 70 | 95 | 60 |"
     assert lines[-1] == "note"
     assert "disturbance" not in markdown(table_of(drives[:1]), "").splitlines()[0]
 
@@ -88,7 +87,7 @@ def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--jobs", "1", "--out", str(folder)]
     arguments += ["--controllers", "published", "--seeds", "1000", "1001"]
     assert main(arguments) == 0
-    assert "| room | textured | published | 2 |" in capsys.readouterr().out
+    assert "| room | published | 2 |" in capsys.readouterr().out
     lines = [json.loads(line) for line in (folder / "drives.jsonl").read_text().splitlines()]
     assert [line["seed"] for line in lines] == [1000, 1001]
     min((folder / "drives").iterdir()).unlink()

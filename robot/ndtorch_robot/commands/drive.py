@@ -107,7 +107,7 @@ def describe(result: Result) -> str:
     lines = [
         title + " (interrupted)" * result.interrupted,
         f"  {s['simulated_seconds']:.0f} s and {s['distance_m']:.0f} m driven, {speed:.1f}x real time",
-        f"  collisions {s['collisions']} ({s['collisions_per_hour']} an hour), people hit {s['people_hit']}, "
+        f"  collisions {s['collisions']} ({s['collisions_per_hour']} an hour), "
         f"stops {s['stopped']}, turns {s['turns']}, free area passed within 1 m {100 * s['free_area_passed']:.0f} %",
         f"  map: {', '.join(scores) or 'nothing to compare'}",
     ]

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BLUE, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
+BLUE, GREEN, ORANGE, SKY = "#0072b2", "#009e73", "#e69f00", "#56b4e9"
 """The color-blind safe palette of Okabe and Ito."""
 
 SURFACES = {"wall": "0.2", "blank": "0.6", "door": "#a05a2c", "jamb": "0.2", "pillar": "0.2", "furniture": "#b08d57"}
@@ -69,9 +69,7 @@ def path_plot(result: Result) -> Figure:
     figure, axes = plan_axes(result.plan, title)
     pose, line, mode = record.array("pose"), record.track(), record.array("mode")
     stops = np.searchsorted(record.array("time"), result.stops).clip(max=max(len(pose) - 1, 0))
-    walk = np.array(result.simulation.walk or np.zeros((0, 2)))
     for places, style, color, label in (
-        (walk, ":", PURPLE, "path of the pedestrian"),
         (line, "-", BLUE, "path"),
         (np.where((mode == TURN)[:, None], line, np.nan), "-", ORANGE, "turning"),
         (np.where((mode == REVERSE)[:, None], line, np.nan), "-", SKY, "reversing"),

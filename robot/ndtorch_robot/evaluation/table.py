@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-WORDS = ["arena", "walls", "controller", "disturbance"]
+WORDS = ["arena", "controller", "disturbance"]
 """Columns of words, which name a row."""
 
 FORMS = {

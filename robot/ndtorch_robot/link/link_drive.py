@@ -17,11 +17,11 @@ from ndtorch_robot.link.messages import (
     Parser,
     Telemetry,
     Type,
+    board_name,
     command_body,
     encode_frame,
     quantised,
     read_telemetry,
-    read_welcome,
 )
 from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
 
@@ -213,7 +213,7 @@ class LinkDrive(Drive):
             self.disarm("bad line: many frames from the board are refused")
 
     def on_welcome(self, frame: Frame) -> None:
-        _, name = read_welcome(frame.body)
+        name = board_name(frame.body)
         if self.board_name is not None and name != self.board_name:
             self.refusal = f"the board is that of the robot {name!r}, the configuration is for {self.board_name!r}"
             return

@@ -123,10 +123,6 @@ class MavlinkDrive(Drive):
     It obeys while the autopilot is armed, in GUIDED, heard, and the loop sends commands. When one of these ends it
     stands until `resume`. A person arms it and sets its mode: who switches to MANUAL drives.
 
-    Args:
-        connection: to the vehicle; closed with the drive.
-        report: called once for every event, with one line.
-
     Raises:
         InputError: no heartbeat of the system.
     """
@@ -135,13 +131,13 @@ class MavlinkDrive(Drive):
         self.connection, self.report, self.lock = connection, report, threading.RLock()
         self.standing, self.sent, self.commanded, self.asked = True, STAND, -math.inf, -math.inf
         self.fault: str | None = None
+        settings = connection.settings
         if not connection.heard.wait(GREETING):
-            settings = connection.settings
+            connection.close()
             raise InputError(f"{settings.device}: no heartbeat of system {settings.system_id}")
         connection.look_after = self.look_after
 
     def send(self, command: SafeCommand) -> DriveCommand:
-        """Drive like this; returns what was sent, a stop when it does not obey."""
         wanted, now = unseal(command), self.connection.now()
         with self.lock:
             self.commanded = now
@@ -222,9 +218,4 @@ class MavlinkDrive(Drive):
 
 @link("mavlink")
 def open_mavlink(settings: MavlinkSettings, opening: Opening) -> MavlinkDrive:
-    connection = MavlinkConnection(settings)
-    try:
-        return MavlinkDrive(connection, opening.report)
-    except BaseException:
-        connection.close()
-        raise
+    return MavlinkDrive(MavlinkConnection(settings), opening.report)

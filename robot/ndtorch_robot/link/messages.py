@@ -38,8 +38,7 @@ class Type(IntEnum):
     TELEMETRY = 0x82
 
 
-BODY_SIZE = {
-    **dict.fromkeys((Type.HELLO, Type.HEARTBEAT, Type.STOP, Type.ARM), 0),
+BODY_SIZE = dict.fromkeys(Type, 0) | {
     Type.COMMAND: COMMAND_BODY.size,
     Type.WELCOME: WELCOME_BODY.size,
     Type.TELEMETRY: TELEMETRY_BODY.size,
@@ -147,13 +146,12 @@ def quantised(command: DriveCommand) -> DriveCommand:
 
 def command_body(command: DriveCommand) -> bytes:
     """Speed in mm/s and curvature in 1/km, each a signed 16-bit number."""
-    return COMMAND_BODY.pack(round(command.speed * 1000), round(command.curvature * 1000))
+    return COMMAND_BODY.pack(*(round(1000 * value) for value in command))
 
 
-def read_welcome(body: bytes) -> tuple[int, str]:
-    """The sequence number of the hello, and the name of the board."""
-    echo, name = WELCOME_BODY.unpack(body)
-    return echo, name.rstrip(b"\0 ").decode("ascii", "replace")
+def board_name(body: bytes) -> str:
+    """The name in a welcome."""
+    return bytes(WELCOME_BODY.unpack(body)[1]).rstrip(b"\0 ").decode("ascii", "replace")
 
 
 def read_telemetry(body: bytes) -> Telemetry:
@@ -172,7 +170,7 @@ class Parser:
     """
 
     def __init__(self) -> None:
-        self.collected = bytearray()
+        self.collected = b""
         self.refused = self.received = 0
         self.other_version: int | None = None
 
@@ -180,21 +178,15 @@ class Parser:
         """The frames that end in these bytes."""
         self.received += len(data)
         frames = []
-        *ended, rest = data.split(b"\0")
-        for part in ended:
-            self.collect(part)
-            coded = bytes(self.collected)
-            self.collected.clear()
-            frame = decode_frame(coded) if 0 < len(coded) <= MAX_FRAME_BYTES else None
+        *ended, rest = (self.collected + data).split(b"\0")
+        # Of a frame that is too long only as many bytes are kept as say so.
+        self.collected = rest[: MAX_FRAME_BYTES + 1]
+        for coded in filter(None, ended):
+            frame = decode_frame(coded) if len(coded) <= MAX_FRAME_BYTES else None
             if frame is not None and frame.version != VERSION:
                 self.other_version = frame.version
             elif frame is not None and len(frame.body) == BODY_SIZE.get(frame.type):  # type: ignore[call-overload]
                 frames.append(frame)
-            elif coded:
+            else:
                 self.refused += 1
-        self.collect(rest)
         return frames
-
-    def collect(self, part: bytes) -> None:
-        """Bytes inside a frame; of a frame that is too long only as many are kept as say so."""
-        self.collected += part[: MAX_FRAME_BYTES + 1 - len(self.collected)]

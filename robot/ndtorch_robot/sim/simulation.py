@@ -17,9 +17,9 @@ from ndtorch.navigation.stereo.strips import row_rect
 from ndtorch_robot.ports import STAND, CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.sim._kernels import rasterise, rectangle_touches
 from ndtorch_robot.sim.disturbances import Disturbances, Effects
-from ndtorch_robot.sim.plan import Floats, Plan, Point, SpawnPoints
-from ndtorch_robot.sim.textures import Image, Walls
-from ndtorch_robot.sim.world import PEDESTRIAN_RADIUS, World, build
+from ndtorch_robot.sim.plan import Floats, Plan, SpawnPoints
+from ndtorch_robot.sim.textures import Image
+from ndtorch_robot.sim.world import World, build
 
 Odometry = Literal["true", "noisy"]
 
@@ -29,37 +29,20 @@ SCALE_ERROR, DRIFT = 0.01, math.radians(0.05)
 SUBSTEPS = 120
 """Steps of physics a second: the car moves 4 mm in one."""
 
-WALK = 0.4
-"""Speed of the pedestrian, m/s."""
-
 RIG = StereoRig(forward=0.15)
 """The cameras of the robot: the pair of [A], 15 cm ahead of the middle of the body."""
 
 BODY = Body()
 """The car of [A]."""
 
-NO_WALLS = np.zeros((0, 2, 2))
-
-STATIONARY = 0.02
-"""m/s: a car slower than this is stationary."""
-
 
 class Collision(NamedTuple):
-    """When and where the car touched something.
-
-    Attributes:
-        time: s.
-        x, y, heading: of the car, m and radians.
-        person: it was the pedestrian.
-        stationary: the car was stationary, so that the other one hit it.
-    """
+    """When the car touched something, s, and its pose, m and radians."""
 
     time: float
     x: float
     y: float
     heading: float
-    person: bool = False
-    stationary: bool = False
 
 
 class CarLimits(NamedTuple):
@@ -227,9 +210,7 @@ class Simulation(Drive):
 
     Args:
         plan: the building.
-        seed: what it looks like, where the car starts and the pedestrian walks.
-        walls: `"textured"` or `"blank"`.
-        pedestrian: somebody walks to and fro.
+        seed: what it looks like, and where the car starts.
         odometry: what `driven` returns, exact or `"noisy"`.
         full_frames: render whole frames instead of strips.
         fields: the subfields to render; `rig.subfields()` by default.
@@ -246,8 +227,6 @@ class Simulation(Drive):
         plan: Plan,
         seed: int = 0,
         *,
-        walls: Walls = "textured",
-        pedestrian: bool = False,
         odometry: Odometry = "true",
         full_frames: bool = False,
         rig: StereoRig = RIG,
@@ -256,15 +235,15 @@ class Simulation(Drive):
         rate: float = 30.0,
         body: Body = BODY,
     ) -> None:
-        self.plan, self.rig, self.odometry, self.pedestrian = plan, rig, odometry, pedestrian
+        self.plan, self.rig, self.odometry = plan, rig, odometry
         self.disturbances, self.rate, self.body = disturbances or Disturbances(), rate, body
         self.half = np.array([body.length_m, body.width_m]) / 2
-        self.world = build(plan, seed, walls, pedestrian, rig, body)
+        self.world = build(plan, seed, rig, body)
         self.cameras = Cameras(self.world, rig, fields, full_frames, self.disturbances)
         self.begin(seed)
 
     def begin(self, seed: int) -> None:
-        """Begin a drive in the same building. The seed draws the start, the path of the pedestrian and all chance."""
+        """Begin a drive in the same building. The seed draws the start and all chance."""
         rng = np.random.default_rng((seed, 200))
         self.effects = Effects(self.disturbances, np.random.default_rng((seed, 300)))
         # The steering takes what the car of [A] needs to react.
@@ -274,7 +253,6 @@ class Simulation(Drive):
         self.collisions: list[Collision] = []
         self.placed: Placed = None
         start = self.plan.start or self.spawn_points.random(rng)
-        self.walk = self.spawn_points.walk(rng, (start[0], start[1])) if self.pedestrian else None
         self.place(*start)
 
     @cached_property
@@ -287,15 +265,6 @@ class Simulation(Drive):
         """The true x, y, m, and heading, radians."""
         return self.car.x, self.car.y, self.car.heading
 
-    @property
-    def pedestrian_at(self) -> Point | None:
-        if self.walk is None:
-            return None
-        (ax, ay), (bx, by) = self.walk
-        phase = (self.now() * WALK / math.hypot(bx - ax, by - ay)) % 2.0
-        part = min(phase, 2 - phase)
-        return ax + part * (bx - ax), ay + part * (by - ay)
-
     def now(self) -> float:
         return self.steps / SUBSTEPS
 
@@ -303,20 +272,15 @@ class Simulation(Drive):
         while self.steps < round(time * SUBSTEPS):
             self.steps += 1
             self.car.advance(1 / SUBSTEPS, self.now())
-            person = self.pedestrian_at
-            post = np.array([] if person is None else [(*person, PEDESTRIAN_RADIUS)]).reshape(-1, 3)
-            hit = bool(rectangle_touches(*self.pose, self.half, NO_WALLS, post))
-            if hit or self.touches():
-                stationary = abs(self.car.speed) < STATIONARY
-                self.collisions.append(Collision(self.now(), *self.pose, hit, stationary))
+            if self.touches():
+                self.collisions.append(Collision(self.now(), *self.pose))
                 self.respawn()
 
-    def touches(self, pose: tuple[float, float, float] | None = None) -> bool:
-        """Whether the car would touch the building at a pose, by default its own."""
-        return bool(rectangle_touches(*(pose or self.pose), self.half, self.world.walls, self.world.posts))
+    def touches(self) -> bool:
+        return bool(rectangle_touches(*self.pose, self.half, self.world.walls, self.world.posts))
 
     def respawn(self) -> None:
-        for place in self.spawn_points.by_distance(self.car.x, self.car.y, self.pedestrian_at):
+        for place in self.spawn_points.by_distance(self.car.x, self.car.y):
             self.place(*place)
             if not self.touches():
                 return
@@ -342,10 +306,7 @@ class Simulation(Drive):
 
     def capture(self) -> StereoFrames:
         """The frames that arrive now."""
-        now, at = self.now(), self.pedestrian_at
-        if at is not None:
-            count = len(self.world.person)
-            self.world.corners[-count:, :, :2] = self.world.person[:, :, :2] + at
+        now = self.now()
         left, right = (
             Strips(*(self.effects.image(part, now) for part in frame))
             if isinstance(frame, Strips)

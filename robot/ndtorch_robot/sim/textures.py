@@ -11,7 +11,6 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from ndtorch_robot.sim.plan import Plan, Ring
 
-Walls = Literal["textured", "blank"]
 Pattern = Literal["carpet", "tiles", "checker", "smooth", "lines"]
 Image = npt.NDArray[np.uint8]
 Array = npt.NDArray[Any]
@@ -76,11 +75,11 @@ class Surface(NamedTuple):
     bottom: float = 0.0
 
 
-def ring_textures(shape: Ring, ceiling: float, rng: np.random.Generator, walls: Walls) -> list[Surface]:
+def ring_textures(shape: Ring, ceiling: float, rng: np.random.Generator) -> list[Surface]:
     """The surfaces of a ring, one for each edge.
 
     Walls have panels up to 1 m with a rail above, uneven light, paper on them here and there, and some
-    stretches without any texture. `walls="blank"` leaves all but the color away.
+    stretches without any texture.
     """
     height = min(shape.height or ceiling, ceiling)
     sides = shape.sides[:, 1] - shape.sides[:, 0]
@@ -94,7 +93,7 @@ def ring_textures(shape: Ring, ceiling: float, rng: np.random.Generator, walls: 
         s = (np.arange(columns) + 0.5) * (length / columns)
         # Light falls from one side, so that walls of different directions differ.
         lit = 0.9 + 0.1 * math.cos(math.atan2(dx, -dy) - 0.7)
-        plain = walls == "blank" or kind == "blank"
+        plain = kind == "blank"
         light = np.ones((rows, columns)) if plain else style.light(kind, s, begin, length, z, rng)
         texels = light[..., None] * lit * np.array(COLORS[kind])
         if not plain and kind == "wall":

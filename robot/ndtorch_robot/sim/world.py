@@ -10,14 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.navigation import Body, StereoRig
-from ndtorch_robot.sim.plan import Floats, Plan, Point, circle
-from ndtorch_robot.sim.textures import Image, Walls, ceiling_texture, floor_texture, ring_textures, to_bytes
+from ndtorch_robot.sim.plan import Floats, Plan, Point
+from ndtorch_robot.sim.textures import Image, ceiling_texture, floor_texture, ring_textures
 
 SKIRTING = (0.006, 0.08)
 """Depth and height of the skirting, m."""
-
-PEDESTRIAN_RADIUS, PEDESTRIAN_HEIGHT, SIDES = 0.22, 1.8, 8
-"""Of the pedestrian, a cylinder, m, and the sides of the polygon that is drawn."""
 
 GROUND_CLEARANCE = 0.05
 """Height of the underside of the car of [A] above the floor, m; its top is a centimetre below its cameras."""
@@ -47,7 +44,6 @@ class World(NamedTuple):
             the last one is repeated.
         walls: what the car cannot pass, `[S, 2, 2]`, and `posts`, x, y and radius, `[C, 3]`.
         profiles: for each edge of each ring, its brightness `[columns]` at the height of the cameras.
-        person: the triangles of the pedestrian, the last ones, standing at the origin.
     """
 
     corners: Floats
@@ -57,7 +53,6 @@ class World(NamedTuple):
     walls: Floats
     posts: Floats
     profiles: list[Floats]
-    person: Floats
 
 
 class Quads:
@@ -95,24 +90,16 @@ class Quads:
         return quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 5), np.repeat(self.surface, 2).astype(np.int32)
 
 
-def build(
-    plan: Plan,
-    seed: int = 0,
-    walls: Walls = "textured",
-    pedestrian: bool = False,
-    rig: StereoRig | None = None,
-    body: Body | None = None,
-) -> World:
+def build(plan: Plan, seed: int = 0, rig: StereoRig | None = None, body: Body | None = None) -> World:
     """Paint and build a plan. The seed decides what it looks like."""
     rng = np.random.default_rng((seed, 100))
     rig, body = rig or StereoRig(), body or Body()
-    surfaces = [s for r in plan.rings for s in ring_textures(r, plan.height, rng, walls)]
+    surfaces = [s for r in plan.rings for s in ring_textures(r, plan.height, rng)]
     floor, ground = floor_texture(plan, rng)
     edged = ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0))
     images = [floor, ceiling_texture(), *(np.pad(surface.texels, edged, "edge") for surface in surfaces)]
     scene = Quads()
-    if walls == "textured":
-        add_skirting(scene, plan, closed=rig.camera_height < SKIRTING[1])
+    add_skirting(scene, plan, closed=rig.camera_height < SKIRTING[1])
     for solid in plan.solids:
         if solid.height is not None and solid.height < plan.height and not solid.radius:
             sides = np.stack((solid.array.min(0), solid.array.max(0)), 1).ravel()
@@ -125,21 +112,11 @@ def build(
     scene.level(ground, 0.0, 0, (1.0, 1.0))
     repeated = ((ground[1] - ground[0]) / CEILING_TILE, (ground[3] - ground[2]) / CEILING_TILE)
     scene.level(ground, plan.height, 1, repeated, down=True)
-    person = Quads()
-    if pedestrian:
-        images.append(to_bytes(rng.uniform(0.1, 0.9, (6, SIDES, 3)).repeat(32, 0).repeat(32, 1)))
-        corners = circle(0.0, 0.0, PEDESTRIAN_RADIUS, SIDES)
-        for k, corner in enumerate(corners):
-            u = ((k + 1) / SIDES, k / SIDES)
-            person.upright(corners[(k + 1) % SIDES], corner, (0.0, PEDESTRIAN_HEIGHT), len(images) - 1, u, (0.0, 1.0))
-    (fixed, fixed_surface), (moving, moving_surface) = scene.triangles(), person.triangles()
     return World(
-        np.concatenate((fixed, moving)),
-        np.concatenate((fixed_surface, moving_surface)),
+        *scene.triangles(),
         *with_mipmaps(images),
         *obstacles(plan, rig, body),
         [profile(s.texels, (rig.camera_height - s.bottom) / (s.height - s.bottom)) for s in surfaces],
-        moving,
     )
 
 

@@ -138,19 +138,6 @@ def test_collision_is_counted_and_the_car_respawns():
     assert simulation.car.speed == 0.0
 
 
-def test_a_pedestrian_is_seen_and_hit():
-    simulation = Simulation(load_arena("room", 2), 2, pedestrian=True)
-    first = simulation.pedestrian_at
-    simulation.wait_until(1.0)
-    assert math.dist(first, simulation.pedestrian_at) == pytest.approx(0.4, abs=0.05)
-    x, y = simulation.pedestrian_at
-    assert not simulation.collisions
-    simulation.place(x, y, 0.0)
-    simulation.wait_until(1.1)
-    assert len(simulation.collisions) == 1
-    assert math.dist(simulation.pose[:2], simulation.pedestrian_at) > 1.0
-
-
 def test_noisy_odometry():
     exact, noisy = (Simulation(load_arena("hallway", 0), 0, odometry=kind) for kind in ("true", "noisy"))
     for simulation in (exact, noisy):

@@ -29,8 +29,6 @@ def test_arenas(name):
     assert (plan.clearance(places.points) > 0.4).all()
     x, y, heading = places.random(np.random.default_rng(7))
     assert places.lengths(x, y, np.array([heading]))[0] > 1.0
-    (ax, ay), (bx, by) = places.walk(np.random.default_rng(7), (x, y))
-    assert 0.3 < math.hypot(bx - ax, by - ay) < 4.001
 
 
 def test_hallway_doors():

@@ -76,7 +76,6 @@ class DrivingTrial:
     seed: Annotated[int, Field(ge=0)] = 0
     controller: Literal["published", "ranging", "goal"] = "published"
     seconds: Annotated[float, Field(gt=0)] = 30.0
-    walls: Literal["textured", "blank"] = "textured"
     odometry: Literal["true", "noisy"] = "true"
     features: Annotated[int, Field(ge=1, le=64)] = 5
     reach: Annotated[float, Field(gt=0)] = 3.0
@@ -88,7 +87,7 @@ class DrivingTrial:
 
     def drive(self) -> dict[str, Any]:
         """Options of the drive; trials that differ in others share it."""
-        names = ("arena", "seed", "controller", "seconds", "walls", "odometry")
+        names = ("arena", "seed", "controller", "seconds", "odometry")
         return {name: getattr(self, name) for name in names}
 
     def together(self) -> Hashable:
