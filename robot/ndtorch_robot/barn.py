@@ -108,8 +108,9 @@ def attempt(job: tuple[BarnFile, RobotOptions]) -> dict[str, Any]:
     (file, options), world = job, job[0].worlds[0]
     if controller_class(options.controller).has_goals:
         options = replace(options, goal=f"{file.goal[0]},{file.goal[1]}")
-    rig, body, rate = options.stereo_rig, options.body, options.rate
-    limits = replace(options.limits, speed_m_per_s=body.max_speed_m_per_s)
+    robot = options.robot_config
+    rig, body, rate = robot.stereo_rig, robot.body, robot.rate_hz
+    limits = replace(robot.simulated_limits, speed_m_per_s=body.max_speed_m_per_s)
     runner = NavigatorRunner(options, rig, rate, body=body)
     simulation = Simulation(file.plan(world), options.seed, rig=rig, fields=runner.fields, rate=rate, body=body)
     monitor = CameraMonitor(rig, rate, limits.frame_age_s, rendered=True)

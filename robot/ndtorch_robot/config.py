@@ -11,13 +11,8 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions
 
 if TYPE_CHECKING:
-    from ndtorch.navigation import Body, StereoRig
     from ndtorch_robot.run_config import RunConfig
-    from ndtorch_robot.safety import SafetyLimits
     from ndtorch_robot.sim.disturbances import Disturbances
-
-RATE = 30.0
-"""Frames a second of a simulated drive."""
 
 
 @dataclass(frozen=True)
@@ -50,34 +45,13 @@ class RobotOptions(NavigatorOptions):
         return replace(self, **{name: getattr(checked, name) for name in values})
 
     @cached_property
-    def robot_config(self) -> RunConfig | None:
-        from ndtorch_robot.run_config import read_run_config
+    def robot_config(self) -> RunConfig:
+        """The robot; the car of [A] by default."""
+        from ndtorch_robot.run_config import RunConfig, SimulationTable, read_run_config
 
-        return None if self.robot is None else read_run_config(self.robot)
-
-    @property
-    def rate(self) -> float:
-        return RATE if self.robot_config is None else self.robot_config.rate_hz
-
-    @property
-    def body(self) -> Body:
-        from ndtorch_robot.sim.simulation import BODY
-
-        return BODY if self.robot_config is None else self.robot_config.body
-
-    @property
-    def stereo_rig(self) -> StereoRig:
-        from ndtorch_robot.sim.simulation import RIG
-
-        return RIG if self.robot_config is None else self.robot_config.stereo_rig
-
-    @property
-    def limits(self) -> SafetyLimits:
-        from ndtorch_robot.safety import SafetyLimits
-
-        if self.robot_config is not None:
-            return self.robot_config.simulated_limits
-        return SafetyLimits(0.6, 2.2, step_s=0.1, frame_age_s=0.1)
+        if self.robot is None:
+            return RunConfig(board_name="A", simulation=SimulationTable())
+        return read_run_config(self.robot)
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,8 @@ def drive(
 
     Cameras that fail end it with `InputError`, after the car was stopped.
     """
-    plan, rig, rate, body = load_arena(config.arena, config.seed), config.stereo_rig, config.rate, config.body
+    plan, robot = load_arena(config.arena, config.seed), config.robot_config
+    rig, rate, body, limits = robot.stereo_rig, robot.rate_hz, robot.body, robot.simulated_limits
     check_goal(config, plan)
     runner = NavigatorRunner(config, rig, rate, plan.grid(), body=body)
     disturbances = config.disturbance_values
@@ -87,8 +88,8 @@ def drive(
         rig=rig,
         body=body,
     )
-    monitor = CameraMonitor(rig, rate, config.limits.frame_age_s, DRAWN, rendered=True)
-    safe = SafeDrive(simulation, simulation, config.limits, monitor)
+    monitor = CameraMonitor(rig, rate, limits.frame_age_s, DRAWN, rendered=True)
+    safe = SafeDrive(simulation, simulation, limits, monitor)
     car = Car(runner, simulation, safe, steer=steer, max_steps=max(1, round(config.seconds * rate)))
     record, path = Record(runner, lambda: simulation.pose), WalkedPath()
     respawn = Respawn(simulation, runner, safe, end=disturbances.none)
@@ -127,7 +128,7 @@ def summarise(
     plan, poses, hits = simulation.plan, record.array("pose"), simulation.collisions
     score, errors, passed = MapScore(), {}, 0.0
     if len(poses):
-        window = MatchParams.for_body(simulation.rig, config.body)
+        window = MatchParams.for_body(simulation.rig, simulation.body)
         score = score_map(cells, plan.grid(), plan, simulation.world.profiles, poses[::5], simulation.rig, window)
         passed = coverage(simulation.spawn_points.free, poses[:, :2])
         for name in ("believed", "located"):

@@ -55,6 +55,14 @@ BLUE, RED, GREY, YELLOW, PURPLE, GREEN = (
     (0, 114, 178), (213, 94, 0), (90, 90, 90), (240, 228, 66), (204, 121, 167), (0, 158, 115),
 )  # fmt: skip
 
+SERIES = {
+    "speeds": ("left", "right", "difference"),
+    "command/speed": ("wanted", "sent", "applied"),
+    "command/curvature": ("wanted", "sent", "applied"),
+    "board/battery": ("battery, V",),
+}
+"""Lines of each plot."""
+
 
 def open_stream(name: str, file: Path | None = None, viewer: str = "", plan: Plan | None = None) -> Any:
     """A rerun stream with its sinks.
@@ -125,11 +133,20 @@ class View(StepThread):
         truth: Callable[[], Pose] | None = None,
     ) -> None:
         self.rr, self.stream, self.runner, self.truth = import_rerun(), stream, runner, truth
-        self.shown, self.words, self.lines = 0, list[str](), list[str]()
+        self.shown, self.words, self.lines = 0, "", list[str]()
         self.start: float | None = None
         self.next_picture = self.next_map = 0.0
         self.paths: dict[str, list[list[tuple[float, float]]]] = {"path": [[]], "believed": [[]]}
-        self.log_fixed(plan)
+        rr = self.rr
+        for side, field, color in zip(("left", "right"), runner.fields, (BLUE, RED), strict=True):
+            size = (field.right - field.left, field.bottom - field.top)
+            box = rr.Boxes2D(mins=[(field.left, field.top)], sizes=[size], colors=[color])
+            stream.log(f"cameras/{side}/fields", box, static=True)
+        for name, lines in SERIES.items():
+            stream.log(name, rr.SeriesLines(colors=[BLUE, RED, YELLOW][: len(lines)], names=lines), static=True)
+        if plan is not None:
+            walls = [np.concatenate((r.array, r.array[:1])) * (1, -1) for r in plan.rings]
+            stream.log("floor/walls", rr.LineStrips2D(walls, colors=[GREY], radii=0.02), static=True)
         super().__init__("view", QUEUE, "wait" if wait else "drop", report)
 
     def report(self, line: str) -> None:
@@ -151,41 +168,23 @@ class View(StepThread):
         self.shown += 1
 
     def finish(self) -> None:
-        for name in self.paths:
-            self.log_path(name)
+        self.log_paths()
         end_stream(self.stream, patience=3.0)
 
     def close(self, patience: float | None = CLOSE_TIMEOUT) -> None:
         super().close(patience)
-
-    def log_fixed(self, plan: Plan | None) -> None:
-        rr, log = self.rr, self.stream.log
-        for side, field, color in zip(("left", "right"), self.runner.fields, (BLUE, RED), strict=True):
-            size = (field.right - field.left, field.bottom - field.top)
-            box = rr.Boxes2D(mins=[(field.left, field.top)], sizes=[size], colors=[color])
-            log(f"cameras/{side}/fields", box, static=True)
-        for name, lines in {
-            "speeds": ("left", "right", "difference"),
-            "command/speed": ("wanted", "sent", "applied"),
-            "command/curvature": ("wanted", "sent", "applied"),
-            "board/battery": ("battery, V",),
-        }.items():
-            log(name, rr.SeriesLines(colors=[BLUE, RED, YELLOW][: len(lines)], names=lines), static=True)
-        if plan is not None:
-            walls = [np.concatenate((r.array, r.array[:1])) * (1, -1) for r in plan.rings]
-            log("floor/walls", rr.LineStrips2D(walls, colors=[GREY], radii=0.02), static=True)
 
     def show(self, now: float, step: Step, lines: tuple[str, ...], truth: Pose | None) -> None:
         rr, log, state, speeds = self.rr, self.stream.log, step.state, [math.nan] * 3
         self.stream.set_time("time", duration=now)
         for line in lines:
             log("events", rr.TextLog(line, level="WARN" if "stopped" in line else "INFO"))
-        board = {name: step.telemetry[name] for name in BOARD if name in step.telemetry}
-        words = [f"# STANDS\n{step.standing}" if step.standing else "# DRIVES"]
-        words += [f"{name} {value}" for name, value in board.items()] + [f"{self.dropped} steps not shown"]
+        parts = [f"# STANDS\n{step.standing}" if step.standing else "# DRIVES"]
+        parts += [f"{name} {step.telemetry[name]}" for name in BOARD if name in step.telemetry]
+        words = "\n\n".join([*parts, f"{self.dropped} steps not shown"])
         if words != self.words:
             self.words = words
-            log("car", rr.TextDocument("\n\n".join(words), media_type="text/markdown"))
+            log("car", rr.TextDocument(words, media_type="text/markdown"))
         if step.frames is not None:
             for side, frame, field in zip(("left", "right"), step.frames[:2], self.runner.fields, strict=True):
                 picture = whole_frame(frame, field, self.runner.rig)[..., ::-1]
@@ -198,14 +197,13 @@ class View(StepThread):
             self.log_pose(state, step.placed is not None, truth)
             if now >= self.next_map:
                 self.next_map = now + MAP_EVERY
-                for name in self.paths:
-                    self.log_path(name)
+                self.log_paths()
                 self.log_map(state)
         commands = (step.wanted, step.sent, step.driven)
-        log("speeds", rr.Scalars(speeds))
-        log("command/speed", rr.Scalars([command.speed for command in commands]))
-        log("command/curvature", rr.Scalars([command.curvature for command in commands]))
-        log("board/battery", rr.Scalars([float(board.get("battery_v") or math.nan)]))
+        battery = float(step.telemetry.get("battery_v") or math.nan)
+        values = (speeds, [c.speed for c in commands], [c.curvature for c in commands], [battery])
+        for name, numbers in zip(SERIES, values, strict=True):
+            log(name, rr.Scalars(numbers))
 
     def log_pose(self, state: NavigatorState, carried: bool, truth: Pose | None) -> None:
         x, y, heading = (float(value) for value in state.pose)
@@ -220,11 +218,11 @@ class View(StepThread):
         vector = (0.45 * math.cos(heading), -0.45 * math.sin(heading))
         self.stream.log("floor/car", self.rr.Arrows2D(origins=[(x, -y)], vectors=[vector], colors=[GREEN], radii=0.06))
 
-    def log_path(self, name: str) -> None:
-        strips = [np.array(strip) * (1, -1) for strip in self.paths[name] if len(strip) > 1]
-        if strips:
-            color = BLUE if name == "path" else PURPLE
-            self.stream.log(f"floor/{name}", self.rr.LineStrips2D(strips, colors=[color], radii=-1.0))
+    def log_paths(self) -> None:
+        for (name, path), color in zip(self.paths.items(), (BLUE, PURPLE), strict=True):
+            strips = [np.array(strip) * (1, -1) for strip in path if len(strip) > 1]
+            if strips:
+                self.stream.log(f"floor/{name}", self.rr.LineStrips2D(strips, colors=[color], radii=-1.0))
 
     def log_map(self, state: NavigatorState) -> None:
         grid = self.runner.grid

@@ -53,8 +53,9 @@ class Leg:
 
     def drive(self, config: DriveConfig, seconds: float, observers: list[Callable[[Step], None]]) -> None:
         runner, simulation = self.runner, self.simulation
-        check = CameraMonitor(simulation.rig, config.rate, config.limits.frame_age_s, DRAWN, rendered=True)
-        car = Car(runner, simulation, SafeDrive(simulation, simulation, config.limits, check))
+        limits = config.robot_config.simulated_limits
+        check = CameraMonitor(simulation.rig, runner.rate, limits.frame_age_s, DRAWN, rendered=True)
+        car = Car(runner, simulation, SafeDrive(simulation, simulation, limits, check))
         self.at = simulation.pose[:2]
 
         def watch(step: Step) -> None:
@@ -73,14 +74,14 @@ def drive_home(arena: str, seed: int) -> dict[str, Any]:
     wrong: dict[str, Any] = {"odometry": "noisy", "disturbance": "slip"}
     asked: dict[str, Any] = {"controller": "goal", "explore": True, "localise": True}
     config = DriveConfig(arena=arena, seed=seed, **wrong, **asked)
-    runner = NavigatorRunner(config, config.stereo_rig, config.rate)
+    runner = NavigatorRunner(config, config.robot_config.stereo_rig, config.robot_config.rate_hz)
     simulation = Simulation(
         load_arena(arena, seed),
         seed,
         odometry=config.odometry,
         fields=runner.fields,
         disturbances=config.disturbance_values,
-        rate=config.rate,
+        rate=runner.rate,
     )
     home = simulation.pose[:2]
 

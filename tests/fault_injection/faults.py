@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ndtorch_robot.link.simulated import Cable, SteppedWorld, good_cable
+from ndtorch_robot.link.simulated import Cable, HostedDrive, good_cable
 from ndtorch_robot.ports import Step
 from ndtorch_robot.recording import Recorder, open_recording
 
@@ -94,7 +94,7 @@ class FaultyLink:
         seed: of the random damage.
     """
 
-    def __init__(self, world: SteppedWorld, seed: int) -> None:
+    def __init__(self, world: HostedDrive, seed: int) -> None:
         self.world, self.random = world, np.random.default_rng((seed, 8))
         self.queue: deque[tuple[float, bytes]] = deque()
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
-from ndtorch_robot.link.simulated import SteppedWorld
+from ndtorch_robot.link.simulated import HostedDrive
 from ndtorch_robot.ports import FaultKind, Step
 from ndtorch_robot.safety import DriveState
 from ndtorch_robot.sim.firmware_host import Pulse
@@ -51,7 +51,7 @@ class FaultInjector:
     def __init__(
         self,
         car: Car,
-        world: SteppedWorld,
+        world: HostedDrive,
         cameras: FaultyCameras,
         seed: int,
         scratch: Path,

@@ -41,10 +41,10 @@ def drive_scenario(config: RunConfig, number: int, seconds: float, faults: Seque
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as scratch, open_car(config, lines.append, go=True) as car:
         assert isinstance(car.drive, HostedDrive)
-        cameras = FaultyCameras(car.drive.world, number)
+        cameras = FaultyCameras(car.drive, number)
         car.cameras = cameras
-        injector = FaultInjector(car, car.drive.world, cameras, number, Path(scratch) / "recording.mcap", faults)
-        simulation = car.drive.world.simulation
+        injector = FaultInjector(car, car.drive, cameras, number, Path(scratch) / "recording.mcap", faults)
+        simulation = car.drive.simulation
         car.observers += [injector, resume_elsewhere(injector)]
         car.run(seconds)
         return {
@@ -62,7 +62,7 @@ def resume_elsewhere(injector: FaultInjector) -> Observer:
     """An observer that moves a car away which would stand before a wall for the rest of the scenario."""
     car = injector.car
     assert isinstance(car.drive, HostedDrive)
-    respawn = Respawn(car.drive.world.simulation, car.runner, car.safe)
+    respawn = Respawn(car.drive.simulation, car.runner, car.safe)
 
     def observe(step: Step) -> None:
         if injector.fault is None:

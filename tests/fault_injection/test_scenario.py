@@ -41,11 +41,11 @@ def inject(folder, *names, backwards=False):
     """Drive through these faults; returns the injector and the lowest speed."""
     by_name, lowest = {fault.name: fault for fault in FAULTS}, 0.0
     with open_car(hosted_car(), lambda line: None, go=True) as car:
-        car.cameras = cameras = FaultyCameras(car.drive.world, 0)
+        car.cameras = cameras = FaultyCameras(car.drive, 0)
         car.steer = (lambda wanted: BACK) if backwards else None
-        injector = InOrder(car, car.drive.world, cameras, 0, folder)
+        injector = InOrder(car, car.drive, cameras, 0, folder)
         injector.calm, injector.wanted = 0.1, [by_name[name] for name in names]
-        simulation, start = car.drive.world.simulation, np.array(car.drive.world.simulation.pose)
+        simulation, start = car.drive.simulation, np.array(car.drive.simulation.pose)
 
         def to_the_start(step):
             """A car that drives backwards would come to a wall."""
@@ -105,7 +105,7 @@ def test_cameras_that_freeze_before_a_change_of_direction_are_detected_before_th
     """The car stands for half a second first, and must not reverse by frames from before that."""
     last, frozen = 0.0, None
     with open_car(hosted_car(), lambda line: None, go=True) as car:
-        world = car.drive.world
+        world = car.drive
         car.cameras = cameras = FaultyCameras(world, 0)
 
         def pulsed(pulse):

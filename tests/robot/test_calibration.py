@@ -16,7 +16,7 @@ from ndtorch_robot.cameras import CameraSettings, open_cameras
 from ndtorch_robot.cameras.pair import to_tensor
 from ndtorch_robot.sim.simulation import RIG
 from tests.robot.support.calibration_board import BOARD, LEFT, RIGHT, board_pictures, draw_board, measured, rays, views
-from tests.robot.support.fake_captures import folder_of
+from tests.robot.support.fake_captures import film_of, picture
 
 
 def pair_of(turn=((1, 0, 0), (0, 1, 0), (0, 0, 1)), shift=(-0.3, 0.0, 0.0)):
@@ -103,12 +103,12 @@ def test_cameras_of_another_size_or_direction_are_refused():
 def test_cameras_of_a_configuration_are_rectified(tmp_path):
     path = tmp_path / "pair.yaml"
     write_calibration(*measured(), path)
-    folder = folder_of(tmp_path / "film", 1, 640, 480)
-    settings = CameraSettings(left=str(folder), right=str(folder), max_age_ms=5000, calibration=path)
+    film = str(film_of(tmp_path / "film.avi", 1, 640, 480))
+    settings = CameraSettings(left=film, right=film, max_age_ms=5000, calibration=path)
     cameras, rig = open_cameras(settings, RIG)
     with cameras:
         frames = cameras.read()
-    rectifier, image = Rectifier(load_calibration(path), RIG), cv2.imread(str(folder / "0.png"))
+    rectifier, image = Rectifier(load_calibration(path), RIG), picture(0, 640, 480)
     assert rig == rectifier.rig != RIG
     assert torch.equal(frames.left.row, rectifier.strips(image, image)[0].row)
 
@@ -192,7 +192,9 @@ def test_live_cameras_and_the_images_that_were_kept_of_them(tmp_path, capsys):
 )
 def test_folders_that_cannot_be_used(tmp_path, capsys, change, message):
     for side in ("left", "right"):
-        folder_of(tmp_path / side, 2)
+        (tmp_path / side).mkdir()
+        for n in range(2):
+            cv2.imwrite(str(tmp_path / side / f"{n}.png"), picture(n))
     change(tmp_path)
     assert main(["calibrate", str(tmp_path / "left"), str(tmp_path / "right"), "--out", str(tmp_path / "o.yaml")]) == 2
     err = capsys.readouterr().err

@@ -110,7 +110,7 @@ def test_options_of_files_lie_below_those_that_are_given(tmp_path: Path) -> None
     ):
         command = parse(Drive, "drive", arguments)
         assert (command.stereo, command.seconds, command.localise) == values
-        assert command.body == read_run_config(file).body
+        assert command.robot_config == read_run_config(file)
     shared.write_text("second = 3")
     with pytest.raises(InputError, match=r"unknown key 'second'; did you mean seconds\?"):
         parse(Drive, "drive", [str(shared)])

@@ -21,7 +21,7 @@ from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
 
-LIMITS = DriveConfig().limits
+LIMITS = DriveConfig().robot_config.simulated_limits
 pytestmark = pytest.mark.slow
 
 

@@ -41,7 +41,7 @@ class CamerasSilent(InputError):
 
 
 class FramesEnded(InputError):
-    """A file or folder has no more frames."""
+    """A file has no more frames."""
 
 
 class Frame(NamedTuple):

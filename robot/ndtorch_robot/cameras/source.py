@@ -1,4 +1,4 @@
-"""The settings of the cameras, and their sources: devices of the Linux kernel (V4L2), video files, folders, streams."""
+"""The settings of the cameras, and their sources: devices of the Linux kernel (V4L2), video files, streams."""
 
 from __future__ import annotations
 
@@ -37,8 +37,7 @@ class CameraSettings(Strict):
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     left: Annotated[str, Field(min_length=1)]
-    """Left camera: a device (/dev/v4l/by-path/..., /dev/video0 or a number), video file, folder of images, or address
-    with ://."""
+    """Left camera: a device (/dev/v4l/by-path/..., /dev/video0 or a number), a video file, or an address with ://."""
     right: Annotated[str, Field(min_length=1)]
     """Right camera, named like the left one."""
     width_px: int = Field(640, ge=16, le=8192)
@@ -46,7 +45,7 @@ class CameraSettings(Strict):
     height_px: int = Field(480, ge=16, le=8192)
     """Height of a frame, in pixels."""
     rate_hz: float = Field(30.0, gt=0, le=1000)
-    """Frame rate that is requested, and at which folders play, in Hz."""
+    """Frame rate that is requested, in Hz."""
     fourcc: str = Field("MJPG", pattern=r"^[ -~]{4}$")
     """Pixel format that is requested; with MJPG two cameras fit on a USB 2 bus, with YUYV hardly ever."""
     exposure_ms: Annotated[float, Field(gt=0, le=1000)] | None = 10.0
@@ -86,7 +85,7 @@ class Source(NamedTuple):
         target: path or address to open.
     """
 
-    kind: Literal["device", "stream", "file", "folder"]
+    kind: Literal["device", "stream", "file"]
     name: str
     target: str
 
@@ -113,8 +112,8 @@ def find_source(name: str) -> Source:
     if name.startswith("/dev/"):
         return Source("device", name, name)
     if path.exists():
-        return Source("folder" if path.is_dir() else "file", name, name)
-    raise InputError(f"camera {name}: no such device, file or folder; `ndtorch doctor` lists the devices")
+        return Source("file", name, name)
+    raise InputError(f"camera {name}: no such device or file; `ndtorch doctor` lists the devices")
 
 
 def open_capture(camera: Source, settings: CameraSettings) -> Capture:
@@ -125,38 +124,11 @@ def open_capture(camera: Source, settings: CameraSettings) -> Capture:
     """
     if camera.kind == "device":
         return open_device(camera, settings)
-    if camera.kind == "folder":
-        return FolderCapture(Path(camera.target), settings.rate_hz)
     capture: Capture | None = readers.open_capture(camera.target)
     if capture is None:
         wanted = "a stream that answers" if camera.live else "a video that may be read"
         raise InputError(f"camera {camera.name}: cannot be opened, it is not {wanted}")
     return capture
-
-
-class FolderCapture:
-    """The images of a folder in natural order, as a capture."""
-
-    def __init__(self, folder: Path, rate: float) -> None:
-        self.files, self.rate, self.next = readers.image_files(folder), rate, 0
-
-    def grab(self) -> bool:
-        self.next += 1
-        return self.next <= len(self.files)
-
-    def retrieve(self) -> tuple[bool, Any]:
-        with readers.quiet_opencv():
-            image = cv2.imread(str(self.files[self.next - 1]), cv2.IMREAD_ANYCOLOR)
-        return image is not None, image
-
-    def get(self, propId: int) -> float:
-        return self.rate if propId == cv2.CAP_PROP_FPS else 0.0
-
-    def set(self, propId: int, value: float) -> bool:
-        return False
-
-    def release(self) -> None:
-        """Nothing is held open."""
 
 
 def open_device(camera: Source, settings: CameraSettings) -> Capture:

@@ -54,7 +54,7 @@ class Drive(DriveConfig):
             new_file(self.rrd, self.force)
         folder = RunFolder(self.out, self.force)
         torch.set_num_threads(1)
-        total, words = round(self.seconds * self.rate), f"{self.arena} seed {self.seed}"
+        total, words = round(self.seconds * self.robot_config.rate_hz), f"{self.arena} seed {self.seed}"
         try:
             with progress_bar(total, self.json, desc=words, unit=" frames", leave=False) as bar:
 

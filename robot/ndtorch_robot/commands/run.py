@@ -111,7 +111,4 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     for name, one in times.items():
         if one:
             yield f"{name:<20}median {one['p50']:.2f} ms, 99 % below {one['p99']:.2f} ms, largest {one['max']:.2f} ms"
-    if "map" in summary:
-        yield f"map in {summary['map']}"
-    if "recording" in summary:
-        yield "recorded {steps} steps, {dropped} dropped, {megabytes:.1f} MB: {file}".format(**summary["recording"])
+    yield from (f"{name}: {summary[name]}" for name in ("map", "recording") if name in summary)

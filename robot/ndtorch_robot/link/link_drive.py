@@ -50,11 +50,9 @@ NOISE_LIMIT, FORGIVE = 4, 0.2
 
 
 class Port(Protocol):
-    """What bytes are written to."""
+    """What bytes are written to; raises one of `GONE` when it cannot."""
 
-    def write(self, data: bytes, /) -> Any:
-        """Write all of them; raises one of `GONE` when it cannot."""
-        ...
+    def write(self, data: bytes, /) -> Any: ...
 
     def close(self) -> None: ...
 
@@ -85,8 +83,7 @@ class LinkDrive(Drive):
         self.port: Port | None = port
         self.now, self.board_name, self.report = now, board_name, report
         self.lock, self.line_lock, self.welcomed = threading.Lock(), threading.Lock(), threading.Event()
-        self.parser = Parser()
-        self.standing, self.armed = True, False
+        self.parser, self.standing, self.armed = Parser(), True, False
         self.fault: str | None = None
         self.refusal: str | None = None
         self.heard: Telemetry | None = None
@@ -99,25 +96,19 @@ class LinkDrive(Drive):
         self.applied: deque[DriveCommand] = deque(maxlen=30)
         self.last_applied = STAND
 
-    # What the loop calls.
-
     def send(self, command: SafeCommand) -> DriveCommand:
-        """Drive like this from now on; returns what was sent, rounded as the line does, or a stop when not armed.
-
-        Raises:
-            TypeError: a command that did not come through the safety layer.
-        """
+        """Drive like this from now on; returns what was sent, rounded as the line does, or a stop when not armed."""
         wanted, now = unseal(command), self.now()
         self.commanded_at = now
         if not self.armed or now - command.time > OLDEST_COMMAND:
             return STAND
         sent = quantised(wanted)
-        return sent if self.write(Type.COMMAND, command_body(sent)) else STAND
+        return sent if self.send_message(Type.COMMAND, command_body(sent)) else STAND
 
     def stop(self) -> None:
         with self.lock:
             self.standing, self.armed = True, False
-        self.write(Type.STOP)
+        self.send_message(Type.STOP)
 
     def resume(self) -> bool:
         if not self.welcomed.is_set():
@@ -126,7 +117,7 @@ class LinkDrive(Drive):
             self.fault, self.standing, self.armed = None, False, False
             self.armed_at = self.commanded_at = self.now()
             self.noise = 0.0
-        return self.write(Type.ARM)
+        return self.send_message(Type.ARM)
 
     def trouble(self) -> str | None:
         return self.fault
@@ -143,9 +134,7 @@ class LinkDrive(Drive):
     def round_trips(self) -> Sequence[float]:
         return self.trips
 
-    # What the owner of the link calls.
-
-    def write(self, kind: Type, body: bytes = b"") -> bool:
+    def send_message(self, kind: Type, body: bytes = b"") -> bool:
         """Send one message, from any thread; False when the line did not take it."""
         with self.line_lock:
             if self.port is None:
@@ -182,23 +171,21 @@ class LinkDrive(Drive):
             self.welcomed.clear()
             self.disarm(f"lost: no valid telemetry for {now - self.heard_at:.2f} s")
             return
-        self.write(Type.HEARTBEAT)
+        self.send_message(Type.HEARTBEAT)
 
     def greet(self) -> None:
         """Say hello now and then, until the board has answered."""
         now = self.now()
         if not self.welcomed.is_set() and now - self.greeted_at > HELLO_EVERY:
             self.greeted_at = now
-            self.write(Type.HELLO)
+            self.send_message(Type.HELLO)
 
     def handle(self, data: bytes) -> None:
         now, parser = self.now(), self.parser
         frames = parser.feed(data)
         if parser.other_version is not None:
-            self.refusal = (
-                f"the board speaks version {parser.other_version} of the protocol, this program {VERSION}: "
-                "flash it with make -C robot/firmware flash"
-            )
+            versions = f"version {parser.other_version} of the protocol, this program {VERSION}"
+            self.refusal = f"the board speaks {versions}: flash it with make -C robot/firmware flash"
             parser.other_version = None
             self.welcomed.clear()
             self.disarm(self.refusal)
@@ -256,6 +243,6 @@ class LinkDrive(Drive):
             self.fault = self.fault or why
             self.armed, self.standing = False, True
         if stop:
-            self.write(Type.STOP)
+            self.send_message(Type.STOP)
         if news:
             self.report(f"link: {why}")

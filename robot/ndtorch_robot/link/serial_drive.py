@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -40,15 +41,9 @@ class SerialSettings(Strict):
 
 
 class SerialDrive(LinkDrive):
-    """A drive over a serial line.
-
-    The listening thread reads, greets the board and reconnects. The supervising thread sends heartbeats.
+    """A drive over a serial line, with two threads: one listens and reconnects, one sends heartbeats.
 
     Args:
-        device: the port, best by `/dev/serial/by-id`.
-        baud: symbols a second.
-        board_name: name the board must have; any by default.
-        report: called once for every event, with one line.
         greeting: seconds to wait for the first welcome.
 
     Raises:
@@ -66,8 +61,7 @@ class SerialDrive(LinkDrive):
         report: Report = print,
         greeting: float = GREETING,
     ) -> None:
-        self.device, self.baud = device, baud
-        self.closing = threading.Event()
+        self.device, self.baud, self.closing = device, baud, threading.Event()
         super().__init__(open_port(device, baud), time.monotonic, board_name, report)
         works = (self.listen, self.supervise)
         self.threads = [threading.Thread(target=work, name=work.__name__, daemon=True) for work in works]
@@ -108,21 +102,13 @@ class SerialDrive(LinkDrive):
             self.welcomed.clear()
             self.disarm(f"lost: {why}", stop=False)
             self.drop()
-            while not self.closing.wait(pause):
+            while self.port is None and not self.closing.wait(pause):
                 pause = min(2 * pause, BACK_OFF[1])
-                if self.reopen():
+                with contextlib.suppress(InputError):
+                    port = open_port(self.device, self.baud)
                     pause = BACK_OFF[0] if self.heard is not None else pause
-                    break
-
-    def reopen(self) -> bool:
-        """Open the port anew; False when it is not there."""
-        try:
-            port = open_port(self.device, self.baud)
-        except InputError:
-            return False
-        with self.line_lock:
-            self.port = port
-        return True
+                    with self.line_lock:
+                        self.port = port
 
     def converse(self) -> str:
         """Handle what comes until the line is gone; returns why."""

@@ -24,14 +24,13 @@ def good_cable(data: bytes, now: float) -> bytes:
     return data
 
 
-class SteppedWorld:
-    """Cameras, clock, board and the drive link of a simulated car, on one simulated time.
+class HostedDrive(LinkDrive):
+    """A link that has its board, the world with the cameras, and the clock with it. It needs no hardware.
 
-    In every step of time the board runs, its pulses move the car, and the link reads the board's answers and sends its
-    heartbeats. Implements `ports.CameraPair`, `ports.Clock` and the port of the link.
+    In every step of simulated time the board runs, its pulses move the car, and the link reads the board's answers and
+    sends its heartbeats. Implements `ports.CameraPair`, `ports.Clock` and the port of the link, too.
 
     Args:
-        drive: the link, which writes into this world.
         real_time: simulated time does not run ahead of real time.
 
     Attributes:
@@ -39,36 +38,38 @@ class SteppedWorld:
         pulsed: called with every pulse.
 
     Raises:
-        InputError: no C compiler.
+        InputError: no C compiler; the board does not answer, or is that of another car.
     """
 
-    def __init__(self, simulation: Simulation, drive: LinkDrive, real_time: bool = False) -> None:
-        self.drive, self.simulation, self.board, self.electronics = drive, simulation, FirmwareHost(), Electronics()
+    def __init__(self, simulation: Simulation, board_name: str, report: Report, real_time: bool = False) -> None:
+        self.simulation, self.board, self.electronics = simulation, FirmwareHost(), Electronics()
         self.up: Cable = good_cable
         self.down: Cable = good_cable
         self.pulsed: Callable[[Pulse], None] = lambda pulse: None
-        self.waiting = bytearray()
-        self.beaten = 0.0
+        self.waiting, self.beaten = b"", 0.0
         self.start = time.monotonic() - simulation.now() if real_time else None
-
-    def now(self) -> float:
-        return self.simulation.now()
+        super().__init__(self, simulation.now, board_name, report)
+        while not self.welcomed.is_set():
+            if self.refusal is not None or self.now() > ANSWERS_IN:
+                self.close()
+                raise InputError(self.refusal or "the board does not answer")
+            self.wait_until(self.now() + 1 / SUBSTEPS)
 
     def wait_until(self, time_: float) -> None:
         while self.simulation.steps < round(time_ * SUBSTEPS):
             now = (self.simulation.steps + 1) / SUBSTEPS
-            sent, self.waiting = bytes(self.waiting), bytearray()
+            sent, self.waiting = self.waiting, b""
             answers, pulses = self.board.run(now, self.up(sent, now))
             for pulse in pulses:
                 self.electronics.apply(pulse)
                 self.pulsed(pulse)
             self.simulation.obey(self.electronics.target(now))
             self.simulation.wait_until(now)
-            self.drive.handle(self.down(answers, now))
-            self.drive.greet()
+            self.handle(self.down(answers, now))
+            self.greet()
             if now - self.beaten >= HEARTBEAT:
                 self.beaten = now
-                self.drive.look_after()
+                self.look_after()
         if self.start is not None:
             time.sleep(max(0.0, self.start + time_ - time.monotonic()))
 
@@ -81,32 +82,12 @@ class SteppedWorld:
             self.wait_until(self.now() + 1 / self.simulation.rate)
         return self.simulation.capture()
 
-    def close(self) -> None:
-        self.board.close()
-
-
-class HostedDrive(LinkDrive):
-    """A `LinkDrive` that has its board, and the world, with it. It needs no hardware.
-
-    Raises:
-        InputError: the board does not answer, or is that of another car.
-    """
-
-    def __init__(self, simulation: Simulation, board_name: str, report: Report, real_time: bool = False) -> None:
-        self.world = SteppedWorld(simulation, self, real_time)
-        super().__init__(self.world, self.world.now, board_name, report)
-        while not self.welcomed.is_set():
-            if self.refusal is not None or self.now() > ANSWERS_IN:
-                self.world.close()
-                raise InputError(self.refusal or "the board does not answer")
-            self.world.wait_until(self.now() + 1 / SUBSTEPS)
-
     def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
-        return self.world, self.world
+        return self, self
 
     def close(self) -> None:
         super().close()
-        self.world.close()
+        self.board.close()
 
 
 class HostedSettings(Strict):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ndtorch.errors import InputError
 from ndtorch_robot.cameras import CameraSettings, CamerasSilent, Frame, FramesEnded, Pairing, StereoCameras
 from ndtorch_robot.cameras import pair as pair_module
-from tests.robot.support.fake_captures import LiveCapture, folder_of, picture
+from tests.robot.support.fake_captures import LiveCapture, film_of, picture
 
 SMALL = {"width_px": 64, "height_px": 48}
 
@@ -49,7 +49,7 @@ def test_pairing_uses_no_frame_twice(steps, tolerance):
 
 
 def test_frames_are_red_green_blue_and_in_step(tmp_path):
-    left, right = folder_of(tmp_path / "l", 3), folder_of(tmp_path / "r", 3, start=10)
+    left, right = film_of(tmp_path / "l.avi", 3), film_of(tmp_path / "r.avi", 3, start=10)
     with StereoCameras(CameraSettings(left=str(left), right=str(right), max_age_ms=5000, **SMALL)) as cameras:
         frames = cameras.read()
         n = int(np.argmin([np.abs(frames.left[0, 2].numpy().astype(int) - picture(n)[..., 0]).sum() for n in range(3)]))
@@ -67,7 +67,7 @@ def taken_or_none(cameras):
 
 @pytest.mark.realtime
 def test_files_at_their_rate(tmp_path):
-    left, right = folder_of(tmp_path / "l", 12), folder_of(tmp_path / "r", 12, start=50)
+    left, right = film_of(tmp_path / "l.avi", 12), film_of(tmp_path / "r.avi", 12, start=50)
     with StereoCameras(CameraSettings(left=str(left), right=str(right), max_age_ms=1000, **SMALL)) as cameras:
         times = []
         while (taken := taken_or_none(cameras)) is not None:
@@ -81,8 +81,8 @@ def test_files_at_their_rate(tmp_path):
 
 def test_a_film_begins_when_it_is_first_read(tmp_path):
     """Who reads may have to get ready before, for longer than the film lasts."""
-    left, right = folder_of(tmp_path / "l", 3), folder_of(tmp_path / "r", 3)
-    with StereoCameras(CameraSettings(left=str(left), right=str(right), rate_hz=25, max_age_ms=5000, **SMALL)) as films:
+    left, right = film_of(tmp_path / "l.avi", 3), film_of(tmp_path / "r.avi", 3)
+    with StereoCameras(CameraSettings(left=str(left), right=str(right), max_age_ms=5000, **SMALL)) as films:
         time.sleep(0.3)
         assert taken_or_none(films) is not None
 

@@ -8,18 +8,10 @@ import pytest
 from ndtorch.errors import InputError
 from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, list_devices, open_capture
 from ndtorch_robot.cameras.source import set_up
-from tests.robot.support.fake_captures import Properties, picture
+from tests.robot.support.fake_captures import Properties
 
 SETTINGS = CameraSettings(left="0", right="1")
 DEVICE = find_source("0")
-
-
-def write_film(path, count=20, size=(64, 48)):
-    film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, size)
-    for n in range(count):
-        film.write(picture(n % 5, *size))
-    film.release()
-    return path
 
 
 def test_what_a_name_means(tmp_path):
@@ -27,7 +19,6 @@ def test_what_a_name_means(tmp_path):
     assert find_source("2") == ("device", "2", "/dev/video2")
     assert find_source("/dev/v4l/by-path/pci-usb-video-index0").kind == "device"
     assert find_source("http://host/stream").kind == "stream"
-    assert find_source(str(tmp_path)).kind == "folder"
     assert find_source(str(tmp_path / "film.avi")).kind == "file"
     os.mkfifo(tmp_path / "pipe")
     assert find_source(str(tmp_path / "pipe")).kind == "stream"
@@ -79,8 +70,7 @@ def test_a_device_that_is_no_camera():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda p: p / "nothing.avi", "no such device, file or folder"),
-        (lambda p: p, "holds no images"),
+        (lambda p: p / "nothing.avi", "no such device or file"),
         (lambda p: (p / "text.avi", (p / "text.avi").write_text("no film"))[0], "not a video"),
     ],
 )

@@ -381,17 +381,18 @@ def paper():
 
 @pytest.mark.realtime
 def test_a_car_on_another_link(tmp_path, paper):
-    """Two folders of pictures that slide past."""
+    """Two films that slide past."""
     wall = np.random.default_rng(1).integers(0, 256, (48, 199, 3), dtype=np.uint8)
     for name, shift in (("left", 0), ("right", 5)):
-        (tmp_path / name).mkdir()
+        film = cv2.VideoWriter(str(tmp_path / f"{name}.avi"), cv2.VideoWriter.fourcc(*"FFV1"), 30, (64, 48))
         for n in range(45):
-            cv2.imwrite(str(tmp_path / name / f"{n:04d}.png"), wall[:, shift + 2 * n :][:, :64])
+            film.write(np.ascontiguousarray(wall[:, shift + 2 * n :][:, :64]))
+        film.release()
     (tmp_path / "car.toml").write_text(
         f"""
 board_name = "paper"
 link = {{kind = "paper", pages = 7}}
-cameras = {{left = "{tmp_path / "left"}", right = "{tmp_path / "right"}", width_px = 64, height_px = 48}}
+cameras = {{left = "{tmp_path / "left.avi"}", right = "{tmp_path / "right.avi"}", width_px = 64, height_px = 48}}
 rig = {{width_px = 64, height_px = 48, focal_px = 43.0}}
 navigation = {{controller = "published"}}
 limits = {{frame_age_s = 0.2}}

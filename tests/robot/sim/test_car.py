@@ -112,7 +112,7 @@ def test_the_board_goes_on_while_frames_are_lost():
     simulation = SimulationTable(arena="curve", seed=3, disturbance="lost_ratio=0.8")
     config = RunConfig(board_name="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
     with open_car(config, lambda line: None, go=False) as car:
-        world, pulses = car.drive.world, []
+        world, pulses = car.drive, []
         world.pulsed = lambda pulse: pulses.append(pulse.time) if pulse.name == "motor" else None
         times = [world.read().time for _ in range(6)]
         trouble = car.drive.trouble()
