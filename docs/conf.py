@@ -99,7 +99,7 @@ COMMON = {
     "vision": "VisualFeatures HassensteinReichardt OrientedDoG HighPass LowPass NDMin FEATURES",
     "scenes": "two_bars three_bars one_bar equal_bars make_scene open_video FrameSource BarScene RandomShadow",
     "binding": "BindingModel BindingInputs InhibitoryNetwork learning_rule object_table BoundObject Attention",
-    "navigation": "Navigator StereoRig Command SaccadeController StereoRanging GridMap Localiser NavigatorState",
+    "navigation": "Navigator StereoRig Command StereoRanging GridMap Localiser NavigatorState",
 }
 """The names of a package that its page has first: autodoc keeps the order of `__all__`."""
 

@@ -18,20 +18,20 @@ if TYPE_CHECKING:
         TURN,
         Command,
         Controller,
+        controller_names,
+        make_controller,
     )
     from ndtorch.navigation.controllers.goal import GoalParams
-    from ndtorch.navigation.controllers.published import AvoidanceParams, SaccadeController
+    from ndtorch.navigation.controllers.published import AvoidanceParams
     from ndtorch.navigation.controllers.ranging.params import RangingParams
-    from ndtorch.navigation.controllers.registry import controller_names, make_controller
     from ndtorch.navigation.localisation.localiser import Localiser, LocaliserParams
     from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
     from ndtorch.navigation.mapping.grid_map import Grid, GridMap, LogOdds
     from ndtorch.navigation.mapping.map_files import load_map, save_map
     from ndtorch.navigation.mapping.observations import ObservationList
-    from ndtorch.navigation.model import Navigator
+    from ndtorch.navigation.model import Navigator, NavigatorState
     from ndtorch.navigation.odometry import DeadReckoning, Pose
     from ndtorch.navigation.options import NavigatorOptions
-    from ndtorch.navigation.state import NavigatorState
     from ndtorch.navigation.stereo.features import FeatureParams, MatchParams
     from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
     from ndtorch.navigation.stereo.rig import Rect, StereoRig
@@ -67,7 +67,6 @@ __all__ = [
     "Ranges",
     "RangingParams",
     "Rect",
-    "SaccadeController",
     "SearchParams",
     "StereoRanging",
     "StereoRig",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -12,15 +12,20 @@ from torch import Tensor, nn
 
 from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body
-from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED, Command, Controller
-from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
+from ndtorch.navigation.controllers.contract import (
+    DEFAULT_CONTROLLER,
+    STOPPED,
+    SUPPRESSED,
+    Command,
+    Controller,
+    make_controller,
+)
 from ndtorch.navigation.localisation.localiser import Localiser, LocaliserState
-from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
-from ndtorch.navigation.mapping.grid_map import GridMap, in_tensors
-from ndtorch.navigation.mapping.observations import ObservationList
+from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker, Tracks
+from ndtorch.navigation.mapping.grid_map import GridMap, GridMapState, in_tensors
+from ndtorch.navigation.mapping.observations import ObservationList, Observations
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.proximity import Obstacles, ProximityCheck
-from ndtorch.navigation.state import NavigatorState, all_cars, one_car, pose_in, pose_like, ranges_in
 from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.features import FeatureParams, MatchParams
 from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
@@ -30,6 +35,39 @@ from ndtorch.navigation.stereo.strips import Strips, as_frames, grey_pair, read_
 
 STATIONARY = 0.05
 """A slower car is stationary, m/s."""
+
+
+class NavigatorState(NamedTuple):
+    """State of `Navigator`, and what it last saw: tensors, or arrays and numbers where the backend is `"numba"`.
+
+    Attributes:
+        fields, rows: states of what reads the subfields and the horizon rows; None has them settle on the next frame.
+        control: the controller's own state, a NamedTuple.
+        command: the last command, `[...]`, driven until the next frame.
+        pose: where the car was at the last frame by dead reckoning, `[...]`; `place` is the corrected one.
+        sides: speed estimates of the last frame, `[..., 2]`.
+        difference: what the controller weighed then, `[...]`.
+        ranges: of the last frame, `[..., n]`.
+        map, observations, tracks, located: states of those parts, None where the navigator has none.
+    """
+
+    fields: Any
+    rows: Any
+    control: Any
+    command: Command
+    pose: Pose
+    sides: Any
+    difference: Any
+    ranges: Ranges
+    map: GridMapState | None
+    observations: Observations | None
+    tracks: Tracks | None
+    located: LocaliserState | None = None
+
+    @property
+    def place(self) -> Pose:
+        """Where the car was at the last frame as far as is known, `[...]`: corrected where there is a localiser."""
+        return self.pose if self.located is None else pose_like(self.pose, self.located.pose)
 
 
 class Navigator(nn.Module):
@@ -63,8 +101,7 @@ class Navigator(nn.Module):
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
         backend: `"numba"`, `"torch"`, or `"auto"`: the first of them that the controller has.
         near_check: with compiled steps, a car that stands, at the start or boxed in, checks what is right ahead with
-            both cameras after its command, and one that drives searches the right row for its controller. False is for
-            images in which there is no floor.
+            both cameras after its command. False is for images in which there is no floor.
         localiser: corrects the poses at which these parts are filled, and gives the controller the car's pose in the
             map, so that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
         body: the robot's, which all lengths and speeds of a controller that is named follow, and the disparities that
@@ -112,23 +149,15 @@ class Navigator(nn.Module):
         self.backend = controller.backend
         body, self.size = Body() if body is None else body, (rig.height, rig.width)
         self.unit_m = body.unit_m
-        usual = SearchParams.for_body(rig, body)
         if search is None and features is None and matching is None and controller.checks_near:
-            search = usual
+            search = SearchParams.for_body(rig, body)
         matching = MatchParams.for_body(rig, body) if matching is None else matching
         self.ranging = StereoRanging(rig, dt, features, matching, angles, search=search)
         self.reckoning, self.row = DeadReckoning(dt), row_rect(rig)
         self.grid_map, self.observations, self.tracker, self.localiser = grid_map, observations, tracker, localiser
         self.near: ProximityCheck | None = None
-        self.searching: StereoRanging | None = None
         if near_check and self.backend == "numba" and controller.checks_near:
             self.near = ProximityCheck(rig.in_units(self.unit_m), controller.fields, body)
-            # Where the ranging itself searches, the controller is told at every frame.
-            self.searching = StereoRanging(rig, dt, angles=angles, search=usual) if search is None else None
-
-    def extra_repr(self) -> str:
-        """The backend."""
-        return f"backend={self.backend!r}"
 
     def forward(
         self,
@@ -263,12 +292,11 @@ class Navigator(nn.Module):
             begins: this is the first frame, or the first one after a fault.
         """
         assert self.near is not None
-        near, searching, unit = self.near, self.searching, self.unit_m
+        near = self.near
         if abs(last.speed) <= STATIONARY and (begins or control.mode in (SUPPRESSED, STOPPED)):
             scan = near(frames, rows, Obstacles(ranges.x[ranges.valid], ranges.y[ranges.valid]))
             control = self.controller.on_near_obstacles(control, pose, scan)
-        search = (lambda: None) if searching is None else lambda: ranges_in(searching.step(rows, None)[0], unit)
-        return self.controller.look_again(control, pose, search, lambda: near.obstacles(rows))
+        return self.controller.look_again(control, pose, lambda: near.obstacles(rows))
 
     def locate(self, rows: Any, pose: Pose, located: LocaliserState | None) -> LocaliserState:
         """The localiser's state with the corrected pose of a frame."""
@@ -347,8 +375,6 @@ class Navigator(nn.Module):
         self.ranging.step(both, None)
         if self.near is not None:
             self.near(both, both)
-        if self.searching is not None:
-            self.searching.step(both, None)
         self.controller.warm_up()
         if self.localiser is not None:
             self.localiser.warm_up()
@@ -368,3 +394,44 @@ def frames_shape(left: Strips, right: Strips) -> tuple[int, ...]:
                 f"{tuple(getattr(part, 'shape', ()))} beside {tuple(shape)}"
             )
     return tuple(shape[:-3])
+
+
+def pose_in(pose: Pose, unit: float) -> Pose:
+    """A pose in units of so many metres."""
+    return Pose(pose.x / unit, pose.y / unit, pose.heading)
+
+
+def ranges_in(ranges: Ranges, unit: float) -> Ranges:
+    """Ranges in units of so many metres."""
+    return ranges._replace(left_range=ranges.left_range / unit, x=ranges.x / unit, y=ranges.y / unit)
+
+
+def pose_like(pose: Pose, values: Any) -> Pose:
+    """An array `[3]` as a pose of tensors or of numbers, as another one is."""
+    return Pose(*(pose.x.new_tensor(values).unbind() if isinstance(pose.x, Tensor) else values.tolist()))
+
+
+def one_car(tree: Any, n: int, dims: int) -> Any:
+    """The state of one of a batch whose `dims` leading dimensions count cars."""
+    if isinstance(tree, Tensor):
+        return tree.flatten(0, dims - 1)[n]
+    if isinstance(tree, np.ndarray):
+        part = tree.reshape(math.prod(tree.shape[:dims]), *tree.shape[dims:])[n]
+        return part if part.ndim else part.item()
+    return None if tree is None else made_like(tree, [one_car(part, n, dims) for part in tree])
+
+
+def all_cars(trees: list[Any], batch: tuple[int, ...]) -> Any:
+    """The opposite of `one_car`: the states of all cars as one, every part `[*batch, ...]`."""
+    first = trees[0]
+    if isinstance(first, Tensor):
+        return torch.stack(trees).reshape(*batch, *first.shape)
+    if first is None or isinstance(first, tuple):
+        return first and made_like(first, [all_cars(list(part), batch) for part in zip(*trees, strict=True)])
+    stacked = np.stack([np.asarray(tree) for tree in trees])
+    return stacked.reshape(*batch, *stacked.shape[1:])
+
+
+def made_like(tree: Any, parts: list[Any]) -> Any:
+    """A tuple or NamedTuple like another one, of other parts."""
+    return type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)

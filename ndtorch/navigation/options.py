@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 
 EDGE_REACH = 4
 """Pixels within which a feature's edge is looked for."""
-
-LIMITS = {"features": (1, 32), "speed": (0.1, 1.0)}
-"""Least and highest numbers: a row has no more edges, and [A] gives 1 m/s for the car."""
 
 
 @dataclass(frozen=True)
@@ -65,23 +62,30 @@ class NavigatorOptions:
     """Pose at which the car starts in the known map, X,Y,DEGREES; by default where the drive that made it started."""
 
     def __post_init__(self) -> None:
-        for name in OPTION_NAMES:
-            check_option(name, getattr(self, name))
+        from ndtorch.navigation.controllers.contract import controller_class
+
+        for name, kind in KINDS.items():
+            words, value = get_args(kind), getattr(self, name)
+            if value not in words if words else not isinstance(value, (int, float) if kind is float else kind):
+                raise InputError(f"{name} must be {' or '.join(map(repr, words)) or kind.__name__}, got {value!r}")
+        # A row has no more edges, and [A] gives 1 m/s for the car.
+        if not (1 <= self.features <= 32 and 0.1 <= self.speed <= 1.0):
+            raise InputError(
+                f"features must be a whole number 1 to 32, speed 0.1 to 1, got {self.features} and {self.speed}"
+            )
+        controller_class(self.controller)
+        place_of(self.goal)
+        pose_of(self.map_start)
 
     def fields(self, rig: StereoRig, body: Body | None = None) -> tuple[Rect, Rect]:
         """The rectangles that the controller looks at."""
-        from ndtorch.navigation.controllers.registry import make_controller
+        from ndtorch.navigation.controllers.contract import make_controller
 
         return make_controller(self.controller, rig, 1 / 30, self.params(), body=body).fields
 
     def start_pose(self) -> Pose | None:
         """Where the car starts in a known map; None without one."""
-        from ndtorch.navigation.odometry import Pose
-
-        if not self.known_map:
-            return None
-        x, y, degrees = numbers_of("map_start", self.map_start or "0,0,0", "X,Y,DEGREES", "3,-1.5,90")
-        return Pose(x, y, math.radians(degrees))
+        return pose_of(self.map_start) if self.known_map else None
 
     def params(self) -> Any:
         """Parameters of the controller for what it is asked to do.
@@ -89,7 +93,7 @@ class NavigatorOptions:
         Raises:
             InputError: it cannot do so.
         """
-        from ndtorch.navigation.controllers.registry import controller_class
+        from ndtorch.navigation.controllers.contract import controller_class
 
         kind, goal = controller_class(self.controller), place_of(self.goal)
         return kind.params_for(self.speed, goal=goal, explore=self.explore, return_home=self.return_home)
@@ -105,7 +109,7 @@ class NavigatorOptions:
             body: of the robot; the car of [A] by default.
         """
         from ndtorch.navigation.body import Body
-        from ndtorch.navigation.controllers.registry import controller_class
+        from ndtorch.navigation.controllers.contract import controller_class
         from ndtorch.navigation.mapping.certainty import SEARCH_SPREAD_PX
         from ndtorch.navigation.mapping.grid_map import GridMap
         from ndtorch.navigation.model import Navigator
@@ -152,33 +156,12 @@ class NavigatorOptions:
         return Localiser(rig, 1 / rate, known=from_sparse(cells, LocaliserParams().map_cells))
 
 
-OPTION_NAMES = tuple(option.name for option in fields(NavigatorOptions))
+KINDS = get_type_hints(NavigatorOptions)
+OPTION_NAMES = tuple(KINDS)
 """The names of all options, in order."""
 
-KINDS = get_type_hints(NavigatorOptions)
 
-
-def check_option(name: str, value: Any) -> None:
-    """Raise `InputError` where an option of `NavigatorOptions` cannot have a value."""
-    kind, words = KINDS[name], get_args(KINDS[name])
-    least, most = LIMITS.get(name, (0, 0))
-    if words and value not in words:
-        raise InputError(f"{name} must be {' or '.join(map(repr, words))}, got {value!r}")
-    if most and not (type(value) in (int, kind) and least <= value <= most):
-        raise InputError(f"{name} must be {'a whole number ' if kind is int else ''}{least} to {most}, got {value!r}")
-    if kind in (bool, str) and not isinstance(value, kind):
-        raise InputError(f"{name} must be {'text' if kind is str else 'true or false'}, got {value!r}")
-    if name == "controller":
-        from ndtorch.navigation.controllers.registry import controller_class
-
-        controller_class(value)
-    if name == "goal":
-        place_of(value)
-    if name == "map_start" and value:
-        numbers_of(name, value, "X,Y,DEGREES", "3,-1.5,90")
-
-
-def place_of(text: Any) -> tuple[float, float] | None:
+def place_of(text: str) -> tuple[float, float] | None:
     """The place in "X,Y", None for an empty text; raises `InputError` for anything else."""
     if text == "":
         return None
@@ -186,11 +169,18 @@ def place_of(text: Any) -> tuple[float, float] | None:
     return x, y
 
 
-def numbers_of(name: str, text: Any, form: str, example: str) -> list[float]:
-    """The numbers of an option of comma-separated ones; raises `InputError` for anything else."""
+def pose_of(text: str) -> Pose:
+    """The pose in "X,Y,DEGREES", the origin for an empty text; raises `InputError` for anything else."""
+    from ndtorch.navigation.odometry import Pose
+
+    x, y, degrees = numbers_of("map_start", text or "0,0,0", "X,Y,DEGREES", "3,-1.5,90")
+    return Pose(x, y, math.radians(degrees))
+
+
+def numbers_of(name: str, text: str, form: str, example: str) -> list[float]:
     try:
         numbers = [float(part) for part in text.split(",")]
-    except (ValueError, AttributeError):
+    except ValueError:
         numbers = []
     if len(numbers) != form.count(",") + 1 or not all(map(math.isfinite, numbers)):
         raise InputError(f'{name} must be "{form}" in m, for instance "{example}", got {text!r}')

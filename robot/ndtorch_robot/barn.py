@@ -12,7 +12,7 @@ import pandas as pd
 from pydantic import Field
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.controllers.registry import controller_class
+from ndtorch.navigation.controllers.contract import controller_class
 from ndtorch.utils.files import TABLE_BYTES, read_text
 from ndtorch.utils.toml import Strict, check
 from ndtorch_robot.camera_monitor import CameraMonitor

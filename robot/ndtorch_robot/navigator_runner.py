@@ -18,8 +18,8 @@ from ndtorch.navigation.controllers.ranging._kernels import BLOCKED
 from ndtorch.navigation.local_grid import LocalGrid
 from ndtorch.navigation.localisation.ndt import to_sparse
 from ndtorch.navigation.mapping.map_files import save_map
+from ndtorch.navigation.model import pose_like
 from ndtorch.navigation.options import NavigatorOptions, options_of
-from ndtorch.navigation.state import pose_like
 from ndtorch_robot.ports import DriveCommand, Placed, Step, StereoFrames
 
 Floats = npt.NDArray[np.float64]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ndtorch.navigation.controllers.published import SaccadeController
+from ndtorch.navigation.controllers.published import PublishedControl
 from ndtorch.navigation.mapping.certainty import BEYOND_SIGHT, REACH, beam_table
 from ndtorch.navigation.stereo.ranging import StereoRanging
 from ndtorch.navigation.stereo.rig import StereoRig
@@ -35,7 +35,7 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
     >>> "#define ROW_COLUMNS 640" in onboard_params(StereoRig(), 1 / 30)
     True
     """
-    control, ranging = SaccadeController(rig, dt), StereoRanging(rig, dt)
+    control, ranging = PublishedControl(rig, dt), StereoRanging(rig, dt)
     saccade, steps, row = control.params, control.rule, ranging.numbers[0]
     left, right = control.fields
     tangents, weights = (part.double().numpy() for part in beam_table(rig, FARTHEST, cell / 2))

@@ -21,7 +21,6 @@ from ndtorch.navigation import (
     Navigator,
     ObservationList,
     Pose,
-    SaccadeController,
     StereoRanging,
     StereoRig,
     Strips,
@@ -149,7 +148,6 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
 
     result = [
         Timed("ranging controller", *median_time(drive), "floor cells, patch, free arcs, state machine"),
-        avoider_row(),
         Timed("avoidance step", *median_time(avoid), "subfields, ND-min, maxima, state machine"),
         Timed("near check of a car that stands", *median_time(near), "both rows compared, floor right ahead"),
         Timed("features, ranges and grid map", *median_time(range_and_map), f"5 features, {found} ranges"),
@@ -181,13 +179,6 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
 def beside(frame: torch.Tensor) -> torch.Tensor:
     """The same frame `[1, C, H, W]` with the colors of a pixel beside each other in memory."""
     return frame.contiguous(memory_format=torch.channels_last)
-
-
-def avoider_row() -> Timed:
-    """Avoidance on plain arrays."""
-    avoider, eyes = SaccadeController(StereoRig(), DT), [stereo_pair(step) for step in range(2)]
-    _, state = avoider(*eyes[0])
-    return Timed("avoidance alone", *median_time(lambda: avoider(*eyes[1], state)), "`SaccadeController`, uint8 arrays")
 
 
 def many_cars(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:

@@ -1,15 +1,19 @@
-"""What a controller is: what it reads of each camera, what it makes of that, and how it steers by it."""
+"""What a controller is, and controllers by name: those in this folder are found by themselves."""
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, NamedTuple
+from dataclasses import replace
+from functools import cache
+from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
 
 from torch import nn
 
-from ndtorch.errors import InputError
+from ndtorch.errors import InputError, did_you_mean
+from ndtorch.navigation.body import Body, params_for_body
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.proximity import Obstacles, ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges
@@ -24,28 +28,6 @@ class Command(NamedTuple):
 
     speed: Any
     curvature: Any
-
-
-@dataclass(frozen=True)
-class Trace:
-    """What a figure or a viewer draws of a controller, beside the speeds on both sides and its modes.
-
-    Args:
-        difference: what the `difference` of the state is, in words; positive where the car should rather turn left.
-        unit: of it; empty where it has none.
-        turn: the car turns where the size of the difference exceeds this; 0 where only its sign counts.
-        stop: the car stops where the speeds on both sides are below this; None where it never does so.
-    """
-
-    difference: str
-    unit: str = ""
-    turn: float = 0.0
-    stop: float | None = None
-
-    def lines(self) -> dict[str, float]:
-        """The levels that mean something, by name."""
-        turns = {"turn left": self.turn, "turn right": -self.turn} if self.turn > 0 else {}
-        return turns | ({} if self.stop is None else {"stop": self.stop})
 
 
 class Controller(nn.Module, ABC):
@@ -72,7 +54,6 @@ class Controller(nn.Module, ABC):
         checks_near: whether it wants to know what is near while it is stationary; its state then has a `mode`.
         params: its numbers.
         fields: the rectangles that it looks at, of the left and the right image.
-        trace: what to draw of it.
 
     Args:
         rig: the camera pair.
@@ -88,7 +69,6 @@ class Controller(nn.Module, ABC):
     checks_near: ClassVar[bool] = False
     params: Any
     fields: tuple[Rect, Rect]
-    trace: Trace
 
     def __init__(self, rig: StereoRig, dt: float, params: Any = None) -> None:
         super().__init__()
@@ -148,15 +128,8 @@ class Controller(nn.Module, ABC):
         """The state of one standing car at a pose after a proximity check."""
         return state
 
-    def look_again(
-        self, state: Any, pose: Pose, search: Callable[[], Ranges | None], near: Callable[[], Obstacles]
-    ) -> Any:
-        """The state of one car after its command, when there is time to look for more.
-
-        Args:
-            search: ranges by a search of the rows; None where these are what every step gets.
-            near: what is too near to be ranged.
-        """
+    def look_again(self, state: Any, pose: Pose, near: Callable[[], Obstacles]) -> Any:
+        """The state of one car after its command, when there is time for `near`: what is too near to be ranged."""
         return state
 
     def on_pose(self, state: Any, pose: Pose, place: Pose) -> Any:
@@ -183,3 +156,86 @@ class Controller(nn.Module, ABC):
 
     def warm_up(self) -> None:
         """Compile or load what only later steps need, before a car depends on it."""
+
+
+DEFAULT_CONTROLLER = "ranging"
+
+AnyController = TypeVar("AnyController", bound=type[Controller])
+
+_kinds: dict[tuple[str, str], type[Controller]] = {}
+
+
+def register(kind: AnyController) -> AnyController:
+    """Class decorator: the controller can be chosen by its `name` and `backend` from then on.
+
+    Raises:
+        InputError: another controller has both.
+    """
+    known = _kinds.setdefault((kind.name, kind.backend), kind)
+    if known.__qualname__ != kind.__qualname__:
+        raise InputError(f"there is a controller {kind.name!r} already, {known.__module__}.{known.__qualname__}")
+    return kind
+
+
+@cache
+def load_own() -> None:
+    """Import every file and folder beside this one, so that their controllers are registered."""
+    package = __name__.rpartition(".")[0]
+    for entry in pkgutil.iter_modules(importlib.import_module(package).__path__):
+        importlib.import_module(f"{package}.{entry.name}")
+
+
+def controller_names() -> tuple[str, ...]:
+    """The names of all controllers, the default first.
+
+    >>> controller_names()
+    ('ranging', 'goal', 'published')
+    """
+    load_own()
+    return (DEFAULT_CONTROLLER, *sorted({name for name, _ in _kinds} - {DEFAULT_CONTROLLER}))
+
+
+def controller_class(name: str, backend: str = "auto") -> type[Controller]:
+    """The class of the controller of this name.
+
+    Args:
+        backend: `"numba"`, `"torch"`, or `"auto"` for the first of them that the controller has.
+
+    Raises:
+        InputError: no such controller, or not with this backend.
+    """
+    names = controller_names()
+    if name not in names:
+        raise InputError(f"controller must be one of {', '.join(names)}, got {name!r}{did_you_mean(name, names)}")
+    kinds = {kind: _kinds[name, kind] for kind in ("numba", "torch") if (name, kind) in _kinds}
+    for kind, chosen in kinds.items():
+        if backend in ("auto", kind):
+            return chosen
+    raise InputError(f"the {name} controller has the backend {' and '.join(kinds)}, got backend={backend!r}")
+
+
+def make_controller(
+    name: str, rig: StereoRig, dt: float, params: Any = None, backend: str = "auto", body: Body | None = None
+) -> Controller:
+    """The controller of this name for a camera pair and a time step.
+
+    Args:
+        params: its numbers, an instance of its `Params`; the defaults where none are given.
+        backend: see `controller_class`.
+        body: whose units all lengths of the controller are in; the car of [A], whose unit is a metre, by default.
+
+    Raises:
+        InputError: no such controller, or parameters of another one.
+
+    >>> from ndtorch.navigation import StereoRig
+    >>> type(make_controller('ranging', StereoRig(), 1 / 30)).__name__
+    'RangingControl'
+    """
+    kind = controller_class(name, backend)
+    if body is None:
+        return kind(rig, dt, params)
+    params = params_for_body(kind.Params() if params is None else params, body)
+    try:
+        return kind(rig.in_units(body.unit_m), dt, params)
+    except InputError as error:
+        raise InputError(f"{error} (lengths in units of the body, {body.unit_m:.3g} m)") from None

@@ -18,6 +18,7 @@ from ndtorch.navigation.controllers.contract import (
     SUPPRESSED,
     TURN,
     Command,
+    register,
 )
 from ndtorch.navigation.controllers.ranging._kernels import (
     BLOCKED,
@@ -29,7 +30,6 @@ from ndtorch.navigation.controllers.ranging._kernels import (
 )
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.params import RangingParams
-from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.local_grid import Array, LocalGrid, LocalGridParams, Place
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.planning import planner
@@ -181,7 +181,7 @@ class GoalControl(RangingControl):
         self.disc = ahead[inside], left[inside]
 
     def reactive_params(self) -> RangingParams:
-        """As `RangingControl.reactive_params`: a large memory that lasts, and less room."""
+        """A large memory that lasts, and less room."""
         p: GoalParams = self.params
         return RangingParams(
             min(RangingParams.speed_m_per_s, p.speed_m_per_s),
@@ -200,13 +200,11 @@ class GoalControl(RangingControl):
         explore: bool = False,
         return_home: bool = False,
     ) -> GoalParams:
-        """As `Controller.params_for`."""
         names = "speed_m_per_s", "tight_speed_m_per_s", "unknown_speed_m_per_s"
         speeds = {name: min(speed, getattr(GoalParams, name)) for name in names} | {names[0]: speed}
         return GoalParams(**speeds, goal=goal, explore=explore, return_home=return_home)
 
     def start(self, seen: Any, pose: Pose) -> GoalState:
-        """The state of a car that stands at a pose, its home, and knows nothing."""
         p, none = self.params, np.zeros((0, 0), np.float32)
         state = GoalState(
             reactive=super().start(seen, pose),
@@ -224,7 +222,6 @@ class GoalControl(RangingControl):
     def step(
         self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: GoalState
     ) -> tuple[Command, GoalState]:
-        """Remember what is seen, plan where it is time to, follow the path, and listen to the reactive controller."""
         self.check_sizes(state.reactive)
         t, here, moved, noise = self.tables, tuple(pose), tuple(driven), state.reactive.floor.noise
         lengths, reactive = remember(seen, (ranges.x, ranges.y, ranges.valid), here, moved, state.reactive, t)
@@ -349,17 +346,14 @@ class GoalControl(RangingControl):
         return state._replace(frame=(pose.x - ahead, pose.y - aside, turned))
 
     def on_goal(self, state: GoalState, goal: tuple[float, float]) -> GoalState:
-        """As `Controller.on_goal`."""
         x, y = map(float, goal)
         state = state._replace(task=GOAL, goal=(x, y), explores=False, returns=False, mode=CRUISE)
         return state._replace(points=0, due=0, stuck=0, idle=0, turn_to=math.inf)
 
     def on_near_obstacles(self, state: GoalState, pose: Pose, scan: ProximityScan) -> GoalState:
-        """As `Controller.on_near_obstacles`."""
         return state._replace(reactive=super().on_near_obstacles(state.reactive, pose, scan))
 
     def warm_up(self) -> None:
-        """Plan once, so that the searches are compiled."""
         super().warm_up()
         state = self.start(None, Pose(0.0, 0.0, 0.0))._replace(task=GOAL, goal=(1.0, 0.0))
         self.replan(state, (0.0, 0.0, 0.0))

@@ -10,10 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_numbers, check_state
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
-from ndtorch.navigation.controllers.contract import CRUISE, STOPPED, SUPPRESSED, TURN, Command, Controller, Trace
-from ndtorch.navigation.controllers.registry import register
+from ndtorch.navigation.controllers.contract import CRUISE, STOPPED, SUPPRESSED, TURN, Command, Controller, register
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.stereo._kernels import Array, Frames, cell_maxima, grey_fields, packed
 from ndtorch.navigation.stereo.ranging import TAU_HIGH, Ranges
@@ -64,7 +63,7 @@ class AvoidanceParams:
 
 
 class AvoidanceState(NamedTuple):
-    """State of `SaccadeAvoidance`, every part `[...]`; numbers in `SaccadeController`.
+    """State of `SaccadeAvoidance`, every part `[...]`; numbers in the compiled step.
 
     Attributes:
         difference: right minus left, low-passed: positive where the car should rather turn left.
@@ -75,19 +74,6 @@ class AvoidanceState(NamedTuple):
     difference: Any
     age: Any
     curvature: Any
-
-
-def time_steps(p: AvoidanceParams, dt: float) -> tuple[float, float, float, float]:
-    """`AvoidanceParams` for one time step: ratio of the low-pass, steps of a turn and of the time from its start until
-    the car watches again, and the age of a car that begins.
-
-    Times are whole steps, so that no rounding of sums decides when one ends.
-    """
-    turn = max(1, round(p.turn_s / dt))
-    watching = turn + max(0, round((p.suppression_s - (p.turn_s if p.suppress_from_start else 0.0)) / dt))
-    # The first step adds one. Where the age is less than a turn's time nothing turns: the curvature is zero.
-    begun = watching - 1 - round(p.start_suppression_s / dt)
-    return smoothing_factor(p.smoothing_s, dt), float(turn), float(watching), float(begun)
 
 
 class SubfieldMotion(nn.Module):
@@ -136,8 +122,13 @@ class SaccadeAvoidance(nn.Module):
 
     def __init__(self, dt: float, params: AvoidanceParams | None = None) -> None:
         super().__init__()
-        self.params, self.dt = params or AvoidanceParams(), dt
-        self.share, self.turn, self.watching, self.age = time_steps(self.params, dt)
+        self.params = p = params or AvoidanceParams()
+        # Times are whole steps, so that no rounding of sums decides when one ends.
+        self.share, self.turn = smoothing_factor(p.smoothing_s, dt), float(max(1, round(p.turn_s / dt)))
+        suppression = p.suppression_s - (p.turn_s if p.suppress_from_start else 0.0)
+        self.watching = self.turn + max(0, round(suppression / dt))
+        # The first step adds one. Where the age is less than a turn's time nothing turns: the curvature is zero.
+        self.age = self.watching - 1 - round(p.start_suppression_s / dt)
 
     def forward(self, sides: Tensor, state: AvoidanceState | None = None) -> tuple[Command, AvoidanceState]:
         check_series(sides, 1, name="sides")
@@ -215,141 +206,72 @@ def subfield_maxima(frames: Frames, settle: bool, low: Array, numbers: Array, ne
     return peak if finite else np.nan
 
 
-@jit(exact=True)
-def saccade_step(
-    frames: Frames, settle: bool, low: Array, state: tuple[float, float, float], numbers: Array, new_low: Array
-) -> tuple[tuple[float, float], tuple[float, float, float]]:
-    """`SubfieldMotion` and `SaccadeAvoidance` of one whole frame of each camera: command and state machine.
-
-    Neither `low` nor `state` is read where the car begins on this frame, `settle`.
-    """
-    cells = np.empty((2, 1, 1), np.float32)
-    subfield_maxima(frames, settle, low, numbers, new_low, cells)
-    left, right = float(cells[0, 0, 0]), float(cells[1, 0, 0])
-    return avoidance(left, right, (right - left, numbers[0].age, 0.0) if settle else state, numbers)
-
-
-class PublishedBase(Controller):
-    """What both backends of the published controller share."""
-
-    name, Params, modes = "published", AvoidanceParams, (CRUISE, TURN, SUPPRESSED, STOPPED)
-
-    def __init__(self, rig: StereoRig, dt: float, params: AvoidanceParams | None = None) -> None:
-        super().__init__(rig, dt, params)
-        p: AvoidanceParams = self.params
-        self.look, self.rule = SubfieldMotion(rig, dt), SaccadeAvoidance(dt, p)
-        self.fields = self.look.fields
-        self.trace = Trace("right - left, low-passed", turn=p.turn_threshold, stop=p.low_threshold)
-
-
 @register
-class PublishedControl(PublishedBase):
+class PublishedControl(Controller):
     """The published controller: the largest motion beside the path on either side, and saccades away from it.
 
     Ranges and poses do not matter to it. What is seen is `[..., 2]`, see `SubfieldMotion`. This one is differentiable
-    and steps any batch; `SaccadeController` is the same for one car, compiled.
+    and steps any batch; `CompiledPublished` is the same for one car.
 
     Args:
         rig, dt: as `Controller`.
         params: of `SaccadeAvoidance`.
     """
 
-    def see(self, frames: tuple[Tensor, Tensor], state: Any = None) -> tuple[Any, Any, Any]:
-        """Image speeds `[..., 2]`, twice, and the state of the filters."""
+    name, Params, modes = "published", AvoidanceParams, (CRUISE, TURN, SUPPRESSED, STOPPED)
+
+    def __init__(self, rig: StereoRig, dt: float, params: AvoidanceParams | None = None) -> None:
+        super().__init__(rig, dt, params)
+        self.look, self.rule = SubfieldMotion(rig, dt), SaccadeAvoidance(dt, self.params)
+        self.fields = self.look.fields
+
+    def see(self, frames: Any, state: Any = None) -> tuple[Any, Any, Any]:
         motion, state = self.look(*frames, state)
         sides = motion.select(frames[0].ndim - 4, 0)
         return sides, sides, state
 
-    def start(self, seen: Tensor, pose: Pose) -> AvoidanceState:
-        """Settled on the first sample, suppressed."""
+    def start(self, seen: Any, pose: Pose) -> AvoidanceState:
         return self.rule.start(seen)
 
     def step(
-        self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: AvoidanceState
+        self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: AvoidanceState
     ) -> tuple[Command, AvoidanceState]:
-        """One time step of the state machine."""
         return self.rule.step(seen, state)
 
-    def mode(self, state: AvoidanceState) -> Tensor:
-        """As `SaccadeAvoidance.mode`."""
+    def mode(self, state: AvoidanceState) -> Any:
         return self.rule.mode(state)
 
 
-class SaccadeState(NamedTuple):
-    """State of `SaccadeController` called by itself.
-
-    Attributes:
-        low: of the high-pass of both subfields, `[2, h, w]` float32.
-        machine: of the state machine.
-    """
-
-    low: Any
-    machine: AvoidanceState
-
-
 @register
-class SaccadeController(PublishedBase):
-    """`PublishedControl` for one car, compiled: [A fig. 5].
-
-    It can be called by itself, in loops that want nothing else, tens of thousands of steps a second.
-
-    Shapes:
-        left, right: uint8 arrays `[H, W, C]` or `[C, H, W]` of the two cameras, C = 3 or 1, both of one kind -> speed
-            in m/s and curvature in 1/m. `state=None` begins with this frame.
-
-    Args:
-        rig, dt, params: as `PublishedControl`.
-
-    Raises:
-        InputError: frames of another size, type or number of colors.
-    """
+class CompiledPublished(PublishedControl):
+    """`PublishedControl` for one car, compiled."""
 
     backend = "numba"
 
     def __init__(self, rig: StereoRig, dt: float, params: AvoidanceParams | None = None) -> None:
         super().__init__(rig, dt, params)
-        rule, (rect, other) = self.rule, self.fields
+        rule = self.rule
         derived = {"share": rule.share, "turn": rule.turn, "watching": rule.watching, "age": rule.age}
         self.numbers, self.size = packed(self.params, a=float(self.look.nd_min.a), **derived), self.look.size
-        self.shape = (2, *rect.size)
-        self.corners = (rect.top, other.top), (rect.left, other.left)
-
-    def forward(
-        self, left: np.ndarray[Any, Any], right: np.ndarray[Any, Any], state: SaccadeState | None = None
-    ) -> tuple[Command, SaccadeState]:
-        check_state(state, SaccadeState)
-        shape, interleaved = left.shape, left.shape[:2] == self.size
-        colors, size = (shape[2], shape[:2]) if interleaved else (shape[0], shape[1:])
-        if size != self.size or colors not in (1, 3) or right.shape != shape or not left.dtype == right.dtype == "u1":
-            raise InputError(f"expected two uint8 frames [H, W, C] or [C, H, W] with H, W = {self.size}, got {shape}")
-        left, right = np.ascontiguousarray(left), np.ascontiguousarray(right)
-        frames, low = Frames(left, right, interleaved, 1 / 765, *self.corners), np.empty(self.shape, np.float32)
-        before, machine = (low, (0.0, 0.0, 0.0)) if state is None else (checked(state.low, low.shape), state.machine)
-        command, after = saccade_step(frames, state is None, before, tuple(machine), self.numbers, low)
-        return Command(*command), SaccadeState(low, AvoidanceState(*after))
 
     def see(self, frames: Frames, state: Any = None) -> tuple[Any, Any, Any]:
-        """Image speeds `[2]`, twice, and the state of the filters."""
-        cells, low = np.empty((2, 1, 1), np.float32), np.empty(self.shape, np.float32)
+        cells, low = np.empty((2, 1, 1), np.float32), np.empty((2, *self.fields[0].size), np.float32)
         before, frames = low if state is None else checked(state, low.shape), at_rects(frames, self.fields, self.size)
         check_peak(subfield_maxima(frames, state is None, before, self.numbers, low, cells))
         sides = cells.ravel()
         return sides, sides, low
 
     def start(self, seen: Any, pose: Pose) -> AvoidanceState:
-        """As `SaccadeAvoidance.start`."""
         left, right = seen.tolist()
         return AvoidanceState(right - left, self.rule.age, 0.0)
 
     def step(
         self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: AvoidanceState
     ) -> tuple[Command, AvoidanceState]:
-        """One time step of the state machine."""
         command, after = avoidance(*seen.tolist(), tuple(state), self.numbers)
         return Command(*command), AvoidanceState(*after)
 
     def mode(self, state: AvoidanceState) -> int:
-        """As `SaccadeAvoidance.mode`."""
         if state.age == -math.inf:
             return STOPPED
         if state.curvature:

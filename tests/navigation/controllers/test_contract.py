@@ -15,10 +15,9 @@ from ndtorch.navigation import (
     controller_names,
     make_controller,
 )
-from ndtorch.navigation.controllers import registry
-from ndtorch.navigation.controllers.contract import Controller, Trace
+from ndtorch.navigation.controllers import contract
+from ndtorch.navigation.controllers.contract import DEFAULT_CONTROLLER, Controller, register
 from ndtorch.navigation.controllers.published import AvoidanceParams, SubfieldMotion
-from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, register
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)
@@ -42,7 +41,6 @@ def test_each_keeps_the_contract(name):
     assert int(controller.mode(state.control)) in controller.modes
     assert state.difference == state.control.difference
     assert state.sides.shape == (2,)
-    assert controller.trace.difference
     batched, batch = Navigator(RIG, DT, controller=controller)(torch.stack((left, left)), torch.stack((right, right)))
     torch.testing.assert_close(batched.speed[1], command.speed)
     assert batch.difference.shape == (2,)
@@ -60,7 +58,7 @@ class Slow(Controller):
 
     def __init__(self, rig, dt, params=None):
         super().__init__(rig, dt, params)
-        self.look, self.trace = SubfieldMotion(rig, dt), Trace("nothing", turn=2.0, stop=0.5)
+        self.look = SubfieldMotion(rig, dt)
         self.fields = self.look.fields
 
     def see(self, frames, state=None):
@@ -79,7 +77,7 @@ class Slow(Controller):
 
 
 def test_another_controller_is_one_class(monkeypatch):
-    monkeypatch.setattr(registry, "_kinds", dict(registry._kinds))
+    monkeypatch.setattr(contract, "_kinds", dict(contract._kinds))
     assert register(Slow) is Slow
     assert controller_names() == (DEFAULT_CONTROLLER, "goal", "published", "slow")
     navigator = NavigatorOptions("slow").navigator(RIG, 30.0)
@@ -87,7 +85,6 @@ def test_another_controller_is_one_class(monkeypatch):
     command, state = navigator(*frames(5))
     assert (command.speed == 0.1).all()
     assert float(state.control.steps) == 5
-    assert navigator.controller.trace.lines() == {"turn left": 2.0, "turn right": -2.0, "stop": 0.5}
     other = type("Other", (Slow,), {"name": "published"})
     with pytest.raises(InputError, match="controller 'published' already"):
         register(other)

@@ -64,9 +64,9 @@ STOP_RATIO, FULL_RATIO = 0.25, 0.75
 AHEAD, WIDE_LEFT, TIGHT_LEFT, WIDE_RIGHT, TIGHT_RIGHT, BACK_RIGHT, BACK, BACK_LEFT = range(8)
 """The arcs whose free lengths are known, as `ranging_tables` makes them; those behind by the sign of curvature."""
 
-RANGE_EVIDENCE, SEARCH_EVIDENCE, MISS_EVIDENCE, BLOCKED = 1.0, 2.0, 0.15, 1.9
-"""A cell with a range in it becomes blocked by the first, with one of a search by the second; a range takes the third
-from each raised cell on its line of sight; a cell is blocked from the fourth on, and known floor below -0.19."""
+RANGE_EVIDENCE, MISS_EVIDENCE, BLOCKED = 1.0, 0.15, 1.9
+"""A cell with a range in it becomes blocked by the first; a range takes the second from each raised cell on its line of
+sight; a cell is blocked from the third on, and known floor below -0.19."""
 
 UNKNOWN = -0.1 * BLOCKED
 """Evidence from which a cell was not seen free."""
@@ -556,15 +556,6 @@ def mark_scan(grid: LocalGrid, pose: Place, scan: ProximityScan, cell: float) ->
     for k in cell_index(scan.obstacles.x, scan.obstacles.y, pose, cell, size):
         cells[k] = max(cells[k], full)
     return LocalGrid(evidence, grid.tag, raised)
-
-
-@jit
-def mark_raised(grid: LocalGrid, pose: Place, ranges: tuple[Array, Array, Array], numbers: Array) -> LocalGrid:
-    """The grid with the ranges of a search, x, y and valid, as raised obstacles."""
-    raised, p = grid.raised.copy(), numbers[0]
-    add_ranges(raised, ranges, pose, numbers, SEARCH_EVIDENCE, MISS_EVIDENCE)
-    bound(raised, -p.max_free_evidence, p.max_evidence)
-    return LocalGrid(grid.evidence, grid.tag, raised)
 
 
 @jit

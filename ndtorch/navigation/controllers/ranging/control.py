@@ -19,13 +19,12 @@ from ndtorch.navigation.controllers.contract import (
     TURN,
     Command,
     Controller,
-    Trace,
+    register,
 )
 from ndtorch.navigation.controllers.ranging import _kernels as kernels
 from ndtorch.navigation.controllers.ranging._kernels import FloorState, RangingState, RangingTables
 from ndtorch.navigation.controllers.ranging.floor import BLOCKS, FloorView, floor_view
 from ndtorch.navigation.controllers.ranging.params import RangingParams
-from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.local_grid import DrivenPath, Primitives
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
@@ -35,8 +34,8 @@ from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.navigation.stereo.strips import at_rects, check_peak, checked
 from ndtorch.vision.temporal import smoothing_factor
 
-SEARCH_INTERVAL_S, BOXED_IN_S = 0.17, 1.0
-"""The right row is searched so often for what stands; a car that is boxed in forgets with the second time constant."""
+NEAR_INTERVAL_S, BOXED_IN_S = 0.17, 1.0
+"""A car that turns looks so often for what is near; one that is boxed in forgets with the second time constant."""
 
 TURN_RATE = 0.8
 """Radians a second of a turn on the spot, as in a tight turn of the car of [A]."""
@@ -76,13 +75,11 @@ class RangingControl(Controller):
         self.reactive = p = self.reactive_params()
         self.view, self.size, self.a = floor_view(rig), (rig.height, rig.width), smoothing_factor(TAU_HIGH, dt)
         self.fields, self.blank = self.view.rects, np.zeros(self.view.shape, np.float32)
-        self.trace = Trace("free distance on arcs to the left - to the right", unit="m")
         self.tables: RangingTables = ranging_tables(rig, p, self.view, dt, self.seen_through)
         self.spin = spin_arcs(p) if p.body.spins else None
-        self.every = max(1, round(SEARCH_INTERVAL_S / dt))
+        self.every = max(1, round(NEAR_INTERVAL_S / dt))
 
     def reactive_params(self) -> RangingParams:
-        """The numbers of what drives by free arcs."""
         params: RangingParams = self.params
         return params
 
@@ -97,14 +94,12 @@ class RangingControl(Controller):
         return cells, cells[:2].reshape(2, -1).max(1), low
 
     def start(self, seen: Any, pose: Pose) -> Any:
-        """The state of a car that stands at a pose and knows nothing."""
         floor = FloorState(np.zeros(self.view.bands, np.float32), 0.0, 0)
         grid = local_grid.empty_grid(pose.x, pose.y, self.reactive.grid, self.reactive.overhangs)
         path = DrivenPath(np.zeros((local_grid.POSES, 3), np.float32), 0)
         return RangingState(floor, grid, path, SUPPRESSED, 0, 1.0, 0, 0.0, 0, 0.0)
 
     def step(self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: Any) -> tuple[Command, Any]:
-        """Remember what is seen, measure the free arcs, decide, and limit the speed: see `ranging_step`."""
         self.check_sizes(state)
         places = (ranges.x, ranges.y, ranges.valid)
         speed, curvature, after = kernels.ranging_step(seen, places, tuple(pose), tuple(driven), state, self.tables)
@@ -156,32 +151,18 @@ class RangingControl(Controller):
         return None
 
     def on_near_obstacles(self, state: Any, pose: Pose, scan: ProximityScan) -> Any:
-        """As `Controller.on_near_obstacles`."""
         return state._replace(grid=kernels.mark_scan(state.grid, tuple(pose), scan, self.reactive.grid.cell_m))
 
-    def look_again(
-        self, state: Any, pose: Pose, search: Callable[[], Ranges | None], near: Callable[[], Obstacles]
-    ) -> Any:
-        """As `Controller.look_again`: searches every `SEARCH_INTERVAL_S`; in turns also for what is too near to range.
-
-        No frame has both, as long as there is one between: the longest step counts.
-        """
-        if not self.reactive.overhangs:
+    def look_again(self, state: Any, pose: Pose, near: Callable[[], Obstacles]) -> Any:
+        """As `Controller.look_again`: in turns, every `NEAR_INTERVAL_S`."""
+        if not self.reactive.overhangs or state.mode != TURN or state.age % self.every != self.every // 2:
             return state
-        since, grid, numbers = state.age % self.every, state.grid, self.tables.numbers
-        ranges = search() if since == 0 else None
-        if ranges is not None:
-            grid = kernels.mark_raised(grid, tuple(pose), (ranges.x, ranges.y, ranges.valid), numbers)
-        if since == self.every // 2 and state.mode == TURN:
-            grid = kernels.mark_near(grid, tuple(pose), *near(), numbers)
-        return state._replace(grid=grid)
+        return state._replace(grid=kernels.mark_near(state.grid, tuple(pose), *near(), self.tables.numbers))
 
     def can_resume(self, state: Any) -> bool:
-        """As `Controller.can_resume`: it knows its floor."""
         return bool(state.floor.age > self.tables.numbers[0]["learning"] and (state.floor.level > 0).all())
 
     def status_message(self, state: Any) -> str | None:
-        """As `Controller.status_message`."""
         floor, noisy = state.floor, state.floor.noise > kernels.MIN_NOISE
         if state.mode == STOPPED and floor.age <= self.tables.numbers[0]["standing"]:
             why = ", and the images are noisy" if noisy else ": an obstacle, or a floor that shows too little"
@@ -195,14 +176,11 @@ class RangingControl(Controller):
         )
 
     def warm_up(self) -> None:
-        """Results of searches go into the grid by functions of their own."""
-        none, pose = np.zeros(1, np.float32), Pose(0.0, 0.0, 0.0)
+        pose = Pose(0.0, 0.0, 0.0)
         state = self.start(None, pose)
         self.on_near_obstacles(state, pose, ProximityScan(NOWHERE, True, NOWHERE, NOWHERE))
         if self.reactive.overhangs:
-            ranges = Ranges(none, none, none, none, none, none > 0)
-            for age in (0, self.every // 2):
-                self.look_again(state._replace(age=age, mode=TURN), pose, lambda: ranges, lambda: NOWHERE)
+            self.look_again(state._replace(age=self.every // 2, mode=TURN), pose, lambda: NOWHERE)
 
 
 def ranging_tables(
