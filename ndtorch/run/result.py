@@ -85,36 +85,11 @@ class MaskStore:
         return Placed(top, left, pixels.astype(bool))
 
 
-class Trace:
-    """Outputs `[10]` over time, thinned by three whenever there are more than `most` of them.
+class Trace(NamedTuple):
+    """Outputs over time: seconds since the first frame, `[n]` float64, and samples, `[n, 10]` float32."""
 
-    So a run of any length keeps between `most / 3` and `most` samples, evenly spaced: enough for a figure. Three,
-    because an even stride would hide outputs that flip sign from step to step.
-    """
-
-    def __init__(self, most: int = 4096) -> None:
-        self.most, self.stride = most, 1
-        self._count = 0
-        self._kept: list[tuple[float, Floats]] = []
-
-    def add(self, time: float, sample: Tensor) -> None:
-        """Take the sample of that time in seconds, if its turn has come."""
-        if self._count % self.stride == 0:
-            self._kept.append((time, sample.detach().cpu().numpy().astype(np.float32)))
-            if len(self._kept) > self.most:
-                self._kept = self._kept[::3]
-                self.stride *= 3
-        self._count += 1
-
-    @property
-    def times(self) -> npt.NDArray[np.float64]:
-        """Seconds since the first frame, `[n]`."""
-        return np.array([time for time, _ in self._kept], dtype=np.float64)
-
-    @property
-    def samples(self) -> Floats:
-        """`[n, 10]`."""
-        return np.array([sample for _, sample in self._kept], dtype=np.float32).reshape(-1, 10)
+    times: npt.NDArray[np.float64] = np.zeros(0)
+    samples: Floats = np.zeros((0, 10), np.float32)
 
 
 class Moment(NamedTuple):
@@ -163,8 +138,3 @@ class RunResult:
     def simulated_seconds(self) -> float:
         """How much of the source was seen."""
         return self.frames / self.source.fps
-
-
-def over_fields(outputs: Tensor) -> Tensor:
-    """Outputs `[T', 10]` as they are, `[T', R, C, 10]` as the largest of every neuron, `[T', 10]`."""
-    return outputs if outputs.ndim == 2 else outputs.flatten(1, -2).amax(1)

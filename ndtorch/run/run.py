@@ -15,7 +15,7 @@ import torch
 from ndtorch.binding import BindingModel, BoundObject, Verdict
 from ndtorch.errors import InputError
 from ndtorch.run.pictures import PictureMaker
-from ndtorch.run.result import MaskStore, RunResult, Trace, Watcher, over_fields
+from ndtorch.run.result import MaskStore, RunResult, Trace, Watcher
 from ndtorch.scenes import FrameSource
 
 
@@ -32,8 +32,8 @@ def run_model(
 ) -> RunResult:
     """Feed a source through a model to its end, or until Ctrl-C, which keeps what was computed so far.
 
-    Frames are dropped as they are used and traces are thinned; of tracks every sighting is kept, 100 bytes each, and
-    the latest masks.
+    Frames are dropped as they are used. Kept are the outputs of the network, 50 bytes a step, every sighting of tracks,
+    100 bytes each, and the latest masks.
 
     Args:
         model: a binding model on `device`, made for the source's size and rate.
@@ -52,7 +52,7 @@ def run_model(
     # Chunks end where a picture is due, so that the motion filters stand at its frame; long ones leave the cache.
     every = 8 if pictures_per_second <= 0 else max(1, round(source.fps / pictures_per_second))
     length = next(n for n in range(min(every, 12), 0, -1) if every % n == 0)
-    outputs = Trace()
+    rows = list[tuple[np.ndarray[Any, Any], ...]]()
     cuts: list[float] = []
     frames_seen, now, interrupted, diverged, fresh = 0, 0.0, False, False, state is None
     maker, masks = PictureMaker(model, source, every / source.fps, watchers), MaskStore()
@@ -70,8 +70,8 @@ def run_model(
                 state = after
                 frames_seen += len(frames)
                 learned, times = one_matrix(model.weights(state)), signals.time.tolist()
-                for at, sample in zip(times, over_fields(signals.outputs).cpu(), strict=True):
-                    outputs.add(at, sample)
+                outs = signals.outputs if signals.outputs.ndim == 2 else signals.outputs.flatten(1, -2).amax(1)
+                rows.append((signals.time.numpy(), outs.float().cpu().numpy()))
                 if times:
                     now = times[-1]
                 if hasattr(signals, "labels"):
@@ -115,7 +115,7 @@ def run_model(
         frames_seen,
         start,
         time.perf_counter() - began,
-        outputs,
+        Trace(*map(np.concatenate, zip(*rows, strict=True))),
         one_matrix(model.weights(state)).cpu().float().numpy().astype(np.float32),
         {k: moment for k, moment in maker.moments.items() if k in owners},
         masks,

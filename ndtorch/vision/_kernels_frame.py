@@ -22,7 +22,6 @@ class PassConstants(NamedTuple):
         wrap: correlate across the border as well.
         block: rows that become one, a power of two.
         margins: mirrored rows above and below, and columns at both sides.
-        every: how many rows apart pixels are checked to be in 0..1; 0: none are.
     """
 
     a_high: float
@@ -30,7 +29,6 @@ class PassConstants(NamedTuple):
     wrap: bool
     block: int
     margins: tuple[int, int]
-    every: int
 
 
 @jit
@@ -55,10 +53,9 @@ def front_end(
         settle: the state before is that of filters settled on the first frame, whatever is given.
         slow, delayed: `MotionState` before, `[H, W]`; they become that after the last frame.
         images: become the grey images with their margins, rows and columns thinned as by `thin_rows`, `[T, h, w]`.
-        sums: across, its magnitude, along, its magnitude, red, green, blue, and how many pixels of those looked at
-            are not in 0..1; `[T, 8]` float64.
+        sums: across, its magnitude, along, its magnitude, red, green and blue, `[T, 7]` float64.
     """
-    a_high, a_low, wrap, block, margins, every = constants
+    a_high, a_low, wrap, block, margins = constants
     (times, kept, _), (height, width), margin = images.shape, slow.shape, margins[0]
     kind = slow.dtype.type
     third, shares = kind(unit / 3), (a_high, a_low)
@@ -83,9 +80,6 @@ def front_end(
             total, settled = sums[t], settle and t == 0
             planes = color_planes(pixels[t], beside, begins, ends, colors)
             r, g, b = filter_row(planes, third, settled, *states, shares, *out)
-            for y in range(top, bottom):
-                if every and y % every == 0:
-                    total[7] += outside(planes, (y - top) * width, width, unit)
             total[4], total[5], total[6] = total[4] + r, total[5] + g, total[6] + b
             ahead, along, over = total[0:2], total[2:4], total[2:4]
             if top == 0:
@@ -226,18 +220,6 @@ def color_planes(pixels: Array, beside: bool, begin: int, end: int, buffer: Arra
     plane = pixels.shape[0] // 3
     green, blue = plane + begin, 2 * plane + begin
     return pixels[begin:end], pixels[green : plane + end], pixels[blue : 2 * plane + end]
-
-
-@jit
-def outside(colors: tuple[Array, Array, Array], start: int, count: int, unit: float) -> int:
-    """How many numbers of a part of three planes are not in 0..1 once they are scaled by `unit`, with some slack, or
-    no numbers."""
-    low, high, wrong = -0.01 / unit, 1.01 / unit, 0
-    for plane in colors:
-        row = plane[start : start + count]
-        for x in range(count):
-            wrong += 0 if low <= row[x] <= high else 1
-    return wrong
 
 
 @jit

@@ -12,7 +12,7 @@ from ndtorch.arguments import Backend, check_backend, check_size, check_state, h
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import keep_freed_memory
 from ndtorch.vision._kernels_frame import PassConstants, front_end
-from ndtorch.vision.frames import as_float, check_frames, check_range, check_values, grey, rows_apart
+from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
 from ndtorch.vision.orientation import OrientedDoG
 from ndtorch.vision.temporal import Seconds, ratio
@@ -91,7 +91,7 @@ class VisualFeatures(nn.Module):
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
-        frames = check_frames(frames, self.size, values=False, device=self.orientation.fixed_spectrum.device)
+        frames = check_frames(frames, self.size, device=self.orientation.fixed_spectrum.device)
         batch = frames.shape[:-4]
         kernels = kernels_wanted(frames, *(state or ()), *self.parameters(), backend=self.backend)
         if batch and (kernels or (frames.is_cpu and 2 * frames.shape[-1] * frames.shape[-2] > CPU_PIXELS)):
@@ -99,7 +99,6 @@ class VisualFeatures(nn.Module):
         kind = torch.float64 if frames.dtype == torch.float64 else torch.float32
         if kernels and (state is None or (state.slow.shape == self.size and state.slow.dtype == kind)):
             return self._one_pass(frames, state, kind)
-        check_values(frames)
         sums = []
         for block in self._blocks(frames):
             # In this order, every plane is used while it is still in the cache.
@@ -142,17 +141,16 @@ class VisualFeatures(nn.Module):
 
     def _one_pass(self, frames: Tensor, state: MotionState | None, kind: torch.dtype) -> tuple[Tensor, MotionState]:
         """The sums of `[T, 3, H, W]` by kernels: the motion, the colors and thinned grey images in one pass."""
-        motion, o, floats = self.motion, self.orientation, frames.dtype != torch.uint8
-        unit, every = (1.0, rows_apart(frames)) if floats else (1 / 255, 0)
+        motion, o, unit = self.motion, self.orientation, 1.0 if frames.is_floating_point() else 1 / 255
         after = MotionState(torch.empty(self.size, dtype=kind), torch.empty(self.size, dtype=kind))
         if state is not None:
             after.slow.copy_(state.slow)
             after.delayed.copy_(state.delayed)
         shares = (float(ratio(motion.tau_high, motion.dt)), float(ratio(motion.tau_low, motion.dt)))
-        constants = PassConstants(*shares, motion.border == "wrap", o.thinning.blocks[0], o.thinning.margins, every)
+        constants = PassConstants(*shares, motion.border == "wrap", o.thinning.blocks[0], o.thinning.margins)
         # In double precision one at a time: some transforms of several are not the same to the bit as of one.
         together = 1 if kind == torch.float64 else max(1, min(8, (1 << 17) // math.prod(o.thinning.size)))
-        passed, oriented = torch.empty(len(frames), 8, dtype=torch.float64), list[Tensor]()
+        passed, oriented = torch.empty(len(frames), 7, dtype=torch.float64), list[Tensor]()
         for some, sums in zip(torch.split(frames, together), torch.split(passed, together), strict=True):
             last = some.movedim(-3, -1)
             beside = not some.is_contiguous() and last.is_contiguous()
@@ -161,10 +159,8 @@ class VisualFeatures(nn.Module):
             states, settle = (after.slow.numpy(), after.delayed.numpy()), state is None and not oriented
             front_end.run(pixels, beside, unit, settle, *states, constants, images.numpy(), sums.numpy())
             oriented.append(o.sums_of_thinned(images))
-        if floats and bool(passed[:, -1].any()):
-            check_range(frames)
         moved = (passed[:, :4] @ motion.directions.double()).clamp_min(0)
-        out = torch.cat([moved.to(kind), torch.cat(oriented), passed[:, 4:-1].to(kind)], -1)
+        out = torch.cat([moved.to(kind), torch.cat(oriented), passed[:, 4:].to(kind)], -1)
         if not torch.isfinite(out).all():
             raise InputError("frames must be finite, got NaN or infinite values")
         return out, after

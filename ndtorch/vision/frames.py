@@ -11,27 +11,24 @@ from ndtorch.arguments import USUAL, check_dense, has_values
 from ndtorch.errors import InputError
 
 SLACK = 0.01
-"""How far beyond 0..1 floats may lie."""
+"""How far beyond 0..1 floats may lie: interpolation may go a little too far."""
 
 NEAR = 1e-4
 """How far from a whole number of 255 parts a float may lie that is one: some times its last digit."""
 
 
-def check_frames(
-    frames: Tensor, size: tuple[int, int] | None = None, values: bool = True, device: torch.device | None = None
-) -> Tensor:
+def check_frames(frames: Tensor, size: tuple[int, int] | None = None, device: torch.device | None = None) -> Tensor:
     """Return `frames` as `[..., T, 3, H, W]`, grey input replicated to three channels.
 
     Args:
         frames: `[..., T, C, H, W]` with C = 3 or 1; float32 or float64 in 0..1, or uint8. Half precision holds no
             picture to the last bit of uint8, and is refused.
         size: wanted height and width, or None for any.
-        values: look at floats whether they are in 0..1; without, `check_values` does.
         device: where they must be, that of the module's own tensors; None for anywhere.
 
     Raises:
         InputError: wrong type, number of dimensions, channel count or size, no frame at all, or floats that are not in
-            0..1, such as those of 0..255.
+            0..1, such as those of 0..255, by a look at some rows where values can be looked at (`has_values`).
     """
     check_dense("frames", frames, meta=True)
     if device is not None and frames.device != device:
@@ -51,35 +48,18 @@ def check_frames(
             f"frames must be {size[0]}x{size[1]} pixels (height x width), got {height}x{width}; "
             f"set size=({height}, {width}) in the module or the config"
         )
-    if values:
-        check_values(frames)
+    if frames.is_floating_point() and has_values(frames):
+        low, high = (float(value) for value in torch.aminmax(some_rows(frames.detach())))
+        if not (math.isfinite(low) and math.isfinite(high)):
+            raise InputError("frames must be finite, got NaN or infinite values")
+        if not (low >= -SLACK and high <= 1 + SLACK):
+            raise InputError(f"frames of floats must lie in 0..1, got {low:g} to {high:g}; give uint8 or divide by 255")
     return frames if channels == 3 else frames.expand(*frames.shape[:-3], 3, height, width)
 
 
-def check_values(frames: Tensor) -> None:
-    """`check_range` of floats whose values can be looked at, see `has_values`.
-
-    Compiled and exported programs have no branches that depend on values: the check is for those who call them.
-    """
-    if frames.is_floating_point() and has_values(frames):
-        check_range(frames)
-
-
-def rows_apart(frames: Tensor) -> int:
-    """How far apart the rows are that are looked at: some 32 of a frame."""
-    return max(1, frames.shape[-2] // 32)
-
-
-def check_range(frames: Tensor) -> None:
-    """Raise `InputError` where floats are not in 0..1 or not finite, by a look at some 32 rows of every frame."""
-    with torch.no_grad():
-        some = frames[..., :: rows_apart(frames), :]
-        low, high = (float(value) for value in torch.aminmax(some))
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise InputError("frames must be finite, got NaN or infinite values")
-    # Interpolation may go a little too far.
-    if not (low >= -SLACK and high <= 1 + SLACK):
-        raise InputError(f"frames of floats must lie in 0..1, got {low:g} to {high:g}; give uint8 or divide by 255")
+def some_rows(frames: Tensor) -> Tensor:
+    """Some 32 rows of every frame, for a quick look at its values."""
+    return frames[..., :: max(1, frames.shape[-2] // 32), :]
 
 
 def as_float(frames: Tensor) -> Tensor:
@@ -109,7 +89,7 @@ def is_of_bytes(frames: Tensor) -> bool:
     """Whether floats are n / 255 throughout, but for rounding."""
     if frames.dtype == torch.uint8 or frames.requires_grad or frames.ndim < 4 or not frames.numel():
         return False
-    for some in (frames[..., :: rows_apart(frames), :], frames):
+    for some in (some_rows(frames), frames):
         levels = some * 255
         whole = levels.round()
         if not bool(((levels - whole).abs_() <= NEAR).all() and (whole >= 0).all() and (whole <= 255).all()):

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_number, check_state, check_tensor, has_values
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
-from ndtorch.vision.frames import as_float, check_frames, check_values, grey
+from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, MotionState, check_border
 
 
@@ -117,10 +117,7 @@ class LocalFeatures(nn.Module):
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
-        frames = check_frames(
-            frames, self.features.size, values=False, device=self.features.orientation.fixed_spectrum.device
-        )
-        check_values(frames)
+        frames = check_frames(frames, self.features.size, device=self.features.orientation.fixed_spectrum.device)
         signals = []
         for frame in frames.unbind(-4):
             frame = as_float(frame)

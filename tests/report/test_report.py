@@ -75,8 +75,7 @@ def test_nothing_found_has_a_reason(verdict: Verdict) -> None:
 
 def test_figures_are_drawn_of_a_long_run_a_short_one_and_an_empty_one(tmp_path: Path) -> None:
     empty, run = run_of([]), run_of(owners())
-    for n in range(300):
-        run.outputs.add(n / 10 - 4, torch.rand(10))
+    run.outputs = Trace(np.arange(300) / 10 - 4, RNG.random((300, 10)).astype(np.float32))
     run.final_weights = np.random.default_rng(0).random((10, 10)).astype(np.float32)
     frame = RNG.integers(0, 256, (50, 60, 3), np.uint8)
     run.moments = {7: Moment(Picture(3.0, frame, frame // 4, 7), 0.5)}
@@ -85,15 +84,6 @@ def test_figures_are_drawn_of_a_long_run_a_short_one_and_an_empty_one(tmp_path: 
             picture = cv2.imread(str(path))
             assert picture is not None
             assert (picture < 128).mean() > 0.001
-
-
-def test_a_trace_keeps_evenly_spaced_samples_in_bounded_memory() -> None:
-    trace = Trace(most=100)
-    for n in range(10_000):
-        trace.add(n / 10, torch.full((10,), float(n)))
-    assert 33 <= len(trace.times) <= 100
-    assert len(set(np.diff(trace.times).round(6))) == 1
-    np.testing.assert_allclose(trace.samples[:, 0], 10 * trace.times)
 
 
 def test_a_film_has_a_frame_for_every_picture(tmp_path: Path) -> None:
