@@ -1,6 +1,7 @@
 """Calibration against cameras that are known exactly, and rectified strips of a misaligned pair."""
 
 import json
+import time
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from ndtorch_robot.cameras import CameraSettings, open_cameras
 from ndtorch_robot.cameras.pair import to_tensor
 from ndtorch_robot.sim.simulation import RIG
 from tests.robot.support.calibration_board import BOARD, LEFT, RIGHT, board_pictures, draw_board, measured, rays, views
-from tests.robot.support.fake_captures import film_of, picture
+from tests.robot.support.fake_captures import LiveCapture, picture
 
 
 def pair_of(turn=((1, 0, 0), (0, 1, 0), (0, 0, 1)), shift=(-0.3, 0.0, 0.0)):
@@ -103,12 +104,11 @@ def test_cameras_of_another_size_or_direction_are_refused():
 def test_cameras_of_a_configuration_are_rectified(tmp_path):
     path = tmp_path / "pair.yaml"
     write_calibration(*measured(), path)
-    film = str(film_of(tmp_path / "film.avi", 1, 640, 480))
-    settings = CameraSettings(left=film, right=film, max_age_ms=5000, calibration=path)
-    cameras, rig = open_cameras(settings, RIG)
+    settings = CameraSettings(left="0", right="1", max_age_ms=5000, calibration=path)
+    cameras, rig = open_cameras(settings, RIG, opener=lambda *_: LiveCapture(30, size=(640, 480)))
     with cameras:
         frames = cameras.read()
-    rectifier, image = Rectifier(load_calibration(path), RIG), picture(0, 640, 480)
+    rectifier, image = Rectifier(load_calibration(path), RIG), picture(1, 640, 480)
     assert rig == rectifier.rig != RIG
     assert torch.equal(frames.left.row, rectifier.strips(image, image)[0].row)
 
@@ -146,24 +146,28 @@ def test_views_that_give_no_calibration_are_refused():
     assert len(faults) == 2
 
 
-def write_films(folder):
-    """Videos of moving boards, as two cameras would give them."""
-    paths = []
-    for k, side in enumerate(("left", "right")):
-        path = folder / f"{side}.avi"
-        film = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 6.0, (640, 480))
-        for pair in (*board_pictures(seed=0), *board_pictures(seed=1)):
-            film.write(cv2.cvtColor(pair[k], cv2.COLOR_GRAY2BGR))
-        film.release()
-        paths.append(str(path))
-    return paths
+class BoardCapture(LiveCapture):
+    """A board that is moved about."""
+
+    def __init__(self, side):
+        super().__init__(6.0)
+        pairs = (*board_pictures(seed=0), *board_pictures(seed=1))
+        self.pictures = [cv2.cvtColor(pair[side], cv2.COLOR_GRAY2BGR) for pair in pairs]
+
+    def retrieve(self):
+        return True, self.pictures[self.n % len(self.pictures)]
 
 
 @pytest.mark.slow
 @pytest.mark.realtime
-def test_live_cameras_and_the_images_that_were_kept_of_them(tmp_path, capsys):
+def test_live_cameras_and_the_images_that_were_kept_of_them(tmp_path, capsys, monkeypatch):
     out, kept = tmp_path / "pair.yaml", tmp_path / "kept"
-    assert main(["calibrate", *write_films(tmp_path), "--views", "13", "--keep", str(kept), "--out", str(out)]) == 0
+    cameras = [BoardCapture(side) for side in (0, 1)]
+    monkeypatch.setattr("ndtorch.scenes.readers.open_capture", lambda address: cameras["right" in address])
+    for camera in cameras:
+        camera.start = time.monotonic() + 0.5
+    command = ["calibrate", "x://left", "x://right", "--views", "13", "--keep", str(kept), "--out", str(out)]
+    assert main(command) == 0
     assert f"written to {out}" in capsys.readouterr().out
     assert StereoRig.load(out).baseline == pytest.approx(0.301, abs=0.002)
     folders = [str(kept / side) for side in ("left", "right")]

@@ -40,17 +40,8 @@ class CamerasSilent(InputError):
     """No pair of frames came in time. Reading may be tried again: cameras come back."""
 
 
-class FramesEnded(InputError):
-    """A file has no more frames."""
-
-
 class Frame(NamedTuple):
-    """One image of one camera.
-
-    Attributes:
-        image: as OpenCV gives it.
-        time: when it was taken, s on the monotonic clock.
-    """
+    """One image of one camera, as OpenCV gives it, and when it was taken, s on the monotonic clock."""
 
     image: Image
     time: float
@@ -106,17 +97,14 @@ class Pairing:
 class CameraReader:
     """Reads one source in a thread, and hands over every frame with the time at which it was taken.
 
-    A live camera that is lost is opened again, with growing pauses, until it is back or the reader is closed.
-    A file ends once.
+    A camera that is lost is opened again, with growing pauses, until it is back or the reader is closed.
 
     Args:
         source, settings, opener: what to open and how.
         deliver: called with each frame, in the thread of the reader.
 
     Attributes:
-        due: for files that play at their rate: when the next frame is due, s on the monotonic clock.
         trouble: why there are no frames at present, or nothing.
-        ended: whether a file has no more frames.
     """
 
     def __init__(
@@ -124,24 +112,15 @@ class CameraReader:
     ) -> None:
         self.source, self.settings, self.opener, self.deliver = source, settings, opener, deliver
         self.capture: Capture | None = opener(source, settings)
-        declared = 0.0 if source.live else self.capture.get(cv2.CAP_PROP_FPS)
-        self.due, self.period = 0.0, 1 / (declared if 0 < declared <= 1000 else settings.rate_hz)
-        self.trouble, self.ended = "", False
-        self.closed = threading.Event()
+        self.trouble, self.closed = "", threading.Event()
         self.thread = threading.Thread(target=self.run, name=f"camera {source.name}", daemon=True)
 
     def run(self) -> None:
         try:
             while not self.closed.is_set():
-                if not self.source.live:
-                    self.closed.wait(max(0.0, self.due - time.monotonic()))
-                if self.step():
-                    continue
-                self.release()
-                if not self.source.live:
-                    self.ended = True
-                    return
-                self.reopen()
+                if not self.step():
+                    self.release()
+                    self.reopen()
         except Exception as error:  # nobody sees what a thread dies of
             self.trouble = f"its reader failed: {type(error).__name__}: {error}"
         finally:
@@ -149,15 +128,13 @@ class CameraReader:
 
     def step(self) -> bool:
         capture = self.capture
-        assert capture is not None
-        if not capture.grab():
+        if capture is None or not capture.grab():
             return False
-        # A file is taken when it is due: one that is decoded too slowly gets old like a camera that lags.
-        taken = driver_time(capture, time.monotonic()) if self.source.live else self.due
+        taken = driver_time(capture, time.monotonic())
         good, image = capture.retrieve()
         if not good or image is None:
             return False
-        self.due, self.trouble = self.due + self.period, ""
+        self.trouble = ""
         self.deliver(Frame(image, taken))
         return True
 
@@ -208,40 +185,27 @@ class StereoCameras(Closing):
         self, settings: CameraSettings, rectify: Rectifier | None = None, opener: Opener = open_capture
     ) -> None:
         self.settings, self.rectify = settings, rectify
-        self.sources = (find_source(settings.left), find_source(settings.right))
-        if self.sources[0].live and self.sources[0].target == self.sources[1].target:
+        sources = (find_source(settings.left), find_source(settings.right))
+        if sources[0].target == sources[1].target:
             raise InputError(f"left and right are the same camera, {settings.left}")
-        self.changed = threading.Condition()
-        self.pairing = Pairing(settings.tolerance_ms / 1e3)
+        self.changed, self.pairing = threading.Condition(), Pairing(settings.tolerance_ms / 1e3)
         self.pair: Pair | None = None
-        self.begun = False
         self.readers: list[CameraReader] = []
         try:
-            for side, source in enumerate(self.sources):
+            for side, source in enumerate(sources):
                 self.readers.append(CameraReader(source, settings, opener, partial(self.add, side)))
-            if any(source.live for source in self.sources):
-                self.begin(one_after_the_other=True)
+            for side, reader in enumerate(self.readers):
+                reader.thread.start()
+                self.wait_for_first(side)
         except BaseException:
             self.close()
             raise
 
-    def begin(self, one_after_the_other: bool = False) -> None:
-        """Let the readers run. Files begin to play when they are first read: who reads may have to get ready before."""
-        start = time.monotonic() + 0.05
-        for side, reader in enumerate(self.readers):
-            reader.due = start
-            reader.thread.start()
-            if one_after_the_other:
-                self.wait_for_first(side)
-        self.begun = True
-
     def wait_for_first(self, side: int) -> None:
-        reader = self.readers[side]
+        reader, newest = self.readers[side], self.pairing.newest
         with self.changed:
-            self.changed.wait_for(
-                lambda: self.pairing.newest[side] is not None or reader.trouble or reader.ended, FIRST_FRAME_S
-            )
-            frame = self.pairing.newest[side]
+            self.changed.wait_for(lambda: newest[side] is not None or reader.trouble, FIRST_FRAME_S)
+            frame = newest[side]
         if frame is not None:
             return self.check_image(side, frame.image)
         why = reader.trouble or f"nothing for {FIRST_FRAME_S:g} s"
@@ -259,7 +223,6 @@ class StereoCameras(Closing):
 
         Raises:
             CamerasSilent: there was none within `max_age_ms`; says which camera is to blame.
-            FramesEnded: a file is at its end.
             InputError: frames of another size than was asked for.
         """
         pair = self.read_pair()
@@ -268,8 +231,6 @@ class StereoCameras(Closing):
         return StereoFrames(to_tensor(pair.left.image), to_tensor(pair.right.image), pair.time)
 
     def read_pair(self) -> Pair:
-        if not self.begun:
-            self.begin()
         limit, began = self.settings.max_age_ms / 1e3, time.monotonic()
         with self.changed:
             while True:
@@ -277,10 +238,7 @@ class StereoCameras(Closing):
                 pair, self.pair = self.pair, None
                 if pair is not None and now - pair.time <= limit:
                     break
-                late, ended = now - began >= limit, [reader.ended for reader in self.readers]
-                if all(ended) or (late and any(ended)):
-                    raise FramesEnded(f"{self.settings.left} or {self.settings.right} has no more frames")
-                if late:
+                if now - began >= limit:
                     raise CamerasSilent(self.silence(now))
                 self.changed.wait(min(limit - (now - began), 0.02))
         for side, frame in enumerate(pair):
@@ -304,7 +262,7 @@ class StereoCameras(Closing):
         wide, high = self.settings.width_px, self.settings.height_px
         if image.shape[:2] != (high, wide):
             size = f"{image.shape[1]}x{image.shape[0]} frames, {wide}x{high} are wanted"
-            raise InputError(f"the {SIDES[side]} camera ({self.sources[side].name}) gives {size}")
+            raise InputError(f"the {SIDES[side]} camera ({self.readers[side].source.name}) gives {size}")
 
     def close(self) -> None:
         for reader in self.readers:

@@ -1,4 +1,4 @@
-"""The settings of the cameras, and their sources: devices of the Linux kernel (V4L2), video files, streams."""
+"""The settings of the cameras, and their sources: devices of the Linux kernel (V4L2), and streams."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class CameraSettings(Strict):
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     left: Annotated[str, Field(min_length=1)]
-    """Left camera: a device (/dev/v4l/by-path/..., /dev/video0 or a number), a video file, or an address with ://."""
+    """Left camera: a device (/dev/v4l/by-path/..., /dev/video0 or a number), or an address with ://."""
     right: Annotated[str, Field(min_length=1)]
     """Right camera, named like the left one."""
     width_px: int = Field(640, ge=16, le=8192)
@@ -77,57 +77,34 @@ class Capture(Protocol):
 
 
 class Source(NamedTuple):
-    """Where frames come from.
+    """Where frames come from: a device or a stream, as the user wrote it, and the path or address to open."""
 
-    Attributes:
-        kind: what it is.
-        name: as the user wrote it.
-        target: path or address to open.
-    """
-
-    kind: Literal["device", "stream", "file"]
+    kind: Literal["device", "stream"]
     name: str
     target: str
-
-    @property
-    def live(self) -> bool:
-        """Whether frames come by themselves."""
-        return self.kind in ("device", "stream")
 
 
 Opener = Callable[[Source, CameraSettings], Capture]
 
 
 def find_source(name: str) -> Source:
-    """The source that a name means.
-
-    Raises:
-        InputError: there is no such thing.
-    """
-    path = Path(name)
+    """The source that a name means; raises `InputError` where there is no such thing."""
     if name.isdecimal():
         return Source("device", name, f"/dev/video{name}")
-    if "://" in name or path.is_fifo():
+    if "://" in name or Path(name).is_fifo():
         return Source("stream", name, name)
     if name.startswith("/dev/"):
         return Source("device", name, name)
-    if path.exists():
-        return Source("file", name, name)
-    raise InputError(f"camera {name}: no such device or file; `ndtorch doctor` lists the devices")
+    raise InputError(f"camera {name}: neither device nor address; `ndtorch doctor` lists the devices")
 
 
 def open_capture(camera: Source, settings: CameraSettings) -> Capture:
-    """Open a source.
-
-    Raises:
-        InputError: it cannot be opened, or does not take the settings.
-    """
+    """Open a source; raises `InputError` where it cannot be opened, or does not take the settings."""
     if camera.kind == "device":
         return open_device(camera, settings)
     capture: Capture | None = readers.open_capture(camera.target)
     if capture is None:
-        wanted = "a stream that answers" if camera.live else "a video that may be read"
-        raise InputError(f"camera {camera.name}: cannot be opened, it is not {wanted}")
+        raise InputError(f"camera {camera.name}: cannot be opened, no stream answers there")
     return capture
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import time
@@ -34,9 +35,9 @@ class Calibrate:
     """
 
     left: Annotated[str, tyro.conf.Positional]
-    """Folder of the left images, or device, video file or address with ://."""
+    """Folder of the left images, or device, or address with ://."""
     right: Annotated[str, tyro.conf.Positional]
-    """Folder of the right images, or device, video file or address with ://."""
+    """Folder of the right images, or device, or address with ://."""
     columns: int = 9
     """Inner corners along the longer side of the board."""
     rows: int = 6
@@ -98,19 +99,15 @@ class Calibrate:
         return REFUSED if faults else 0
 
     def live_pairs(self) -> Iterator[tuple[Image, Image]]:
-        from ndtorch_robot.cameras import CameraSettings, CamerasSilent, FramesEnded, StereoCameras
+        from ndtorch_robot.cameras import CameraSettings, CamerasSilent, StereoCameras
 
         size = {"width_px": self.width, "height_px": self.height}
         until = time.monotonic() + self.seconds
         with StereoCameras(CameraSettings(left=self.left, right=self.right, max_age_ms=500.0, **size)) as cameras:
             while time.monotonic() < until:
-                try:
+                with contextlib.suppress(CamerasSilent):
                     pair = cameras.read_pair()
-                except CamerasSilent:
-                    continue
-                except FramesEnded:
-                    return
-                yield pair.left.image, pair.right.image
+                    yield pair.left.image, pair.right.image
 
     def folder_pairs(self) -> Iterator[tuple[Image, Image]]:
         import cv2

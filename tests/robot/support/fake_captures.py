@@ -58,12 +58,3 @@ class Properties:
 
     def get(self, propId):
         return self.values.get(propId, 0.0)
-
-
-def film_of(path, count, width=64, height=48, start=0):
-    """A film without losses."""
-    film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 30, (width, height))
-    for n in range(count):
-        film.write(picture(start + n, width, height))
-    film.release()
-    return path
