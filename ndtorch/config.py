@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from ndtorch.arguments import MOST_PIXELS
 from ndtorch.errors import InputError
-from ndtorch.utils.toml import Strict, suggestion
+from ndtorch.utils.toml import Strict, check, suggestion
 
 
 def limited(size: tuple[int, int]) -> tuple[int, int]:
@@ -75,14 +75,6 @@ class ModelConfig(Constants):
 Kind = TypeVar("Kind", bound=ModelConfig)
 
 
-def validated(kind: type[Kind], data: Mapping[str, Any], where: str) -> Kind:
-    """A config from plain data; one-line `InputError` naming `where` and the key otherwise."""
-    try:
-        return kind(**data)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
-
-
 def option_places(kind: type[BaseModel]) -> dict[str, list[tuple[str, ...]]]:
     """Every option of a kind of model, by its own name and by `table.name`, and where it stands in the config."""
     places: dict[str, list[tuple[str, ...]]] = {}
@@ -112,7 +104,7 @@ def with_options(config: Kind, options: Mapping[str, Any]) -> Kind:
         for part in where[0][:-1]:
             into = into[part]
         into[where[0][-1]] = value
-    return validated(type(config), data, "options")
+    return check(data, type(config), "options")
 
 
 def config_text(config: ModelConfig, head: str = "") -> str:

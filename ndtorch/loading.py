@@ -11,10 +11,10 @@ from ndtorch.binding.models.base import BindingModel
 from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.whole_field import PublishedModel, ScaleFreeModel
-from ndtorch.config import option_places, validated, with_options
+from ndtorch.config import option_places, with_options
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.packages import MODELS, folder_of
-from ndtorch.utils.toml import suggestion, toml_values
+from ndtorch.utils.toml import check, suggestion, toml_values
 
 KINDS: dict[str, type[BindingModel]] = {
     kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, ForegroundModel)
@@ -76,7 +76,7 @@ def load(
                 f"{kind.name} has no option {option}; {', '.join(others)} ha{'ve' if others[1:] else 's'} it"
             )
     where = folder / "config.toml"
-    config = validated(kind.config_type, toml_values(where) | {"model": kind.name}, str(where))
+    config = check(toml_values(where) | {"model": kind.name}, kind.config_type, str(where))
     if kind.trained:
         stage = read_first_stage(folder / "weights.safetensors") if stage is None else first_stage_weights(stage)
     made = kind.build(with_options(config, rest), stage)

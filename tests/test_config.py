@@ -21,12 +21,12 @@ import ndtorch
 from ndtorch.binding import FirstStage, PublishedModel, spectral_radius
 from ndtorch.binding.models.whole_field import PublishedConfig
 from ndtorch.cli.commands import GROUP
-from ndtorch.config import ModelConfig, config_text, validated, with_options
+from ndtorch.config import ModelConfig, config_text, with_options
 from ndtorch.errors import InputError
 from ndtorch.loading import KINDS, model_folder, model_kind
 from ndtorch.utils.files import save_tensors
 from ndtorch.utils.tensors import leaves
-from ndtorch.utils.toml import toml_values
+from ndtorch.utils.toml import check, toml_values
 from ndtorch.vision import GROUPS
 from ndtorch_robot.run_config import NavigationTable, RunConfig
 
@@ -59,7 +59,7 @@ def test_what_is_shipped_says_all_constants_and_they_are_the_defaults(name: str)
 def test_a_config_is_read_back_as_it_was_written(tmp_path: Path, kind: type[ModelConfig]) -> None:
     config = with_options(kind(), {"size": 64, "fps": 12.5})  # type: ignore[call-arg]
     (tmp_path / "config.toml").write_text(config_text(config), encoding="utf-8")
-    assert validated(kind, toml_values(tmp_path / "config.toml"), "x") == config
+    assert check(toml_values(tmp_path / "config.toml"), kind, "x") == config
     assert config.size == (64, 64)
 
 
@@ -100,7 +100,7 @@ def test_errors_name_the_file_the_key_and_the_value(tmp_path: Path, text: str, m
     path = tmp_path / "config.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=message) as caught:
-        validated(PublishedConfig, toml_values(path), "x")
+        check(toml_values(path), PublishedConfig, "x")
     assert "\n" not in str(caught.value)
 
 

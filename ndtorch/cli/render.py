@@ -35,20 +35,15 @@ class Render:
         from ndtorch.run.folder import new_file
         from ndtorch.scenes import make_scene
         from ndtorch.scenes.video_writer import VideoWriter
+        from ndtorch.utils.files import replacing
 
         given = {"seconds": self.seconds, "fps": self.fps, "phase": self.phase, "seed": self.seed}
         source = make_scene(self.scene, **{name: value for name, value in given.items() if value is not None})
         new_file(self.file, self.force)
-        # What is there stays until the new file is whole.
-        part = self.file.with_name(f"{self.file.stem}.unfinished{self.file.suffix}")
-        try:
-            with VideoWriter(part, source.fps, source.size) as writer:
-                for chunk in source.chunks():
-                    for frame in chunk:
-                        writer.write(frame)
-            part.replace(self.file)
-        finally:
-            part.unlink(missing_ok=True)
+        with replacing(self.file) as part, VideoWriter(part, source.fps, source.size) as writer:
+            for chunk in source.chunks():
+                for frame in chunk:
+                    writer.write(frame)
         height, width = source.size
         if self.json:
             about = {"frames": source.length, "width": width, "height": height, "fps": source.fps}

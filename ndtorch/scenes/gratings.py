@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
 from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
-from ndtorch.scenes.base import FrameSource, check_chunks
+from ndtorch.scenes.base import RenderedScene
 
 
 def bar_coverage(position: Tensor, bar: float, period: float, width: int) -> Tensor:
@@ -29,7 +29,7 @@ def bar_coverage(position: Tensor, bar: float, period: float, width: int) -> Ten
     return covered_until(edges).diff(dim=-1)
 
 
-class MovingGrating(FrameSource):
+class MovingGrating(RenderedScene):
     """Rows of a square grating that moves at a constant speed, one row camera for each speed and phase.
 
     [A Methods]: 640 pixels, bars of 10 pixels 10 pixels apart, Michelson contrast 0.5 (intensities 0.25 and
@@ -65,27 +65,22 @@ class MovingGrating(FrameSource):
             raise InputError("speeds and phases must be at least one finite number each")
         for name, number in (("bar", bar), ("gap", gap), ("dark", dark), ("bright", bright), ("fps", fps)):
             check_number(name, number)
-        check_number("width", width, whole=True)
-        check_number("length", length, whole=True)
-        if not (bar > 0 and gap >= 0 and width > 0 and fps > 0 and length > 0):
-            raise InputError(f"sizes must be positive: bar={bar}, gap={gap}, width={width}, fps={fps}, length={length}")
-        self.name, self.fps, self.size, self.length = "moving-grating", fps, (1, width), length
+        check_number("length", length, above=0, whole=True)
+        if not (bar > 0 and gap >= 0 and fps > 0):
+            raise InputError(f"sizes must be positive: bar={bar}, gap={gap}, fps={fps}")
+        super().__init__("moving-grating", length / fps, fps, (1, width))
         self.bar, self.period, self.dark, self.bright = bar, bar + gap, dark, bright
         self.speeds = torch.tensor(list(speeds), dtype=torch.float64)
         self.phases = torch.tensor(list(phases), dtype=torch.float64)
 
-    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
-        check_chunks(frames, start)
-        assert self.length is not None
-        for first in range(start, self.length, frames):
-            # Double precision for the places, so that frame 10 000 is as well placed as frame 0.
-            time = torch.arange(first, min(first + frames, self.length), dtype=torch.float64)
-            position = self.phases[:, None] + self.speeds[:, None, None] * time
-            light = self.dark + (self.bright - self.dark) * bar_coverage(position, self.bar, self.period, self.size[1])
-            yield light.to(torch.get_default_dtype())[..., None, None, :]
+    def frames(self, start: int, stop: int) -> Tensor:
+        # Double precision for the places, so that frame 10 000 is as well placed as frame 0.
+        position = self.phases[:, None] + self.speeds[:, None, None] * torch.arange(start, stop, dtype=torch.float64)
+        light = self.dark + (self.bright - self.dark) * bar_coverage(position, self.bar, self.period, self.size[1])
+        return light.to(torch.get_default_dtype())[..., None, None, :]
 
 
-class FlickeringGrating(FrameSource):
+class FlickeringGrating(RenderedScene):
     """The grating of `MovingGrating` at rest, or a uniform row; its light is multiplied by a sinusoid between 0 and 1.
     [A Methods]
 
@@ -106,14 +101,10 @@ class FlickeringGrating(FrameSource):
     ) -> None:
         check_number("frequency", frequency, least=0, unit="cycles a second")
         still = MovingGrating([0.0], gap=0.0 if uniform else 10.0, width=width, fps=fps, length=length)
-        self.name, self.fps, self.size, self.length = "flickering-grating", fps, (1, width), length
-        self.frequency = frequency
-        self._still = next(still.chunks(1))[0, 0].to(torch.float64)
+        super().__init__("flickering-grating", length / fps, fps, (1, width))
+        self.frequency, self._still = frequency, still.frames(0, 1)[0, 0].to(torch.float64)
 
-    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
-        check_chunks(frames, start)
-        assert self.length is not None
-        for first in range(start, self.length, frames):
-            time = torch.arange(first, min(first + frames, self.length), dtype=torch.float64) / self.fps
-            factor = 0.5 + 0.5 * torch.sin(2 * math.pi * self.frequency * time)
-            yield (factor[:, None, None, None] * self._still).to(torch.get_default_dtype())
+    def frames(self, start: int, stop: int) -> Tensor:
+        time = torch.arange(start, stop, dtype=torch.float64) / self.fps
+        factor = 0.5 + 0.5 * torch.sin(2 * math.pi * self.frequency * time)
+        return (factor[:, None, None, None] * self._still).to(torch.get_default_dtype())

@@ -114,7 +114,7 @@ def moving_bar(
     torch.Size([3, 4, 3, 100, 100])
     """
     check_size("size", size, 1)
-    at = _middle(size) if start is None else start
+    at = ((size[1] - 1) / 2, (size[0] - 1) / 2) if start is None else start
     angles = pairs("direction", direction, "orientation", direction if orientation is None else orientation)
 
     def bar(towards: float, tilt: float) -> list[Bar]:
@@ -182,7 +182,12 @@ def hsl_color(hue: float | Tensor, saturation: float | Tensor, lightness: float 
     tensor([0., 1., 0.])
     """
     given = {"hue": hue, "saturation": saturation, "lightness": lightness}
-    h, s, x = (as_numbers(name, value) for name, value in given.items())
+    for name, value in given.items():
+        if isinstance(value, Tensor):
+            check_tensor(name, value)
+        else:
+            check_number(name, value)
+    h, s, x = (torch.as_tensor(value, dtype=torch.get_default_dtype()) for value in given.values())
     for name, value in (("saturation", s), ("lightness", x)):
         if not bool(((value >= 0) & (value <= 1)).all()):
             raise InputError(f"{name} must lie in 0..1, got {value.min().item():g} to {value.max().item():g}")
@@ -192,17 +197,3 @@ def hsl_color(hue: float | Tensor, saturation: float | Tensor, lightness: float 
     chroma = (s * torch.minimum(x, 1 - x))[..., None]
     color: Tensor = x[..., None] - chroma * wave
     return color.clamp(0, 1)
-
-
-def as_numbers(name: str, value: float | Tensor) -> Tensor:
-    """A number or a tensor of them, of the default type; raises `InputError` for anything else."""
-    if not isinstance(value, Tensor):
-        check_number(name, value)
-        return torch.tensor(float(value))
-    numbers = value.to(torch.get_default_dtype())
-    check_tensor(name, numbers)
-    return numbers
-
-
-def _middle(size: tuple[int, int]) -> tuple[float, float]:
-    return (size[1] - 1) / 2, (size[0] - 1) / 2

@@ -123,18 +123,6 @@ def open_reader(source: int | str | Path) -> tuple[Reader, str]:
     return FileReader(path), path.stem
 
 
-class FrameLog:
-    """Stamp and tick of every frame of a source, 16 bytes a frame."""
-
-    def __init__(self) -> None:
-        self.stamps, self.ticks = array("d"), array("d")
-
-    def add(self, stamp: float, tick: float) -> None:
-        """Note the next frame of the source."""
-        self.stamps.append(stamp)
-        self.ticks.append(tick)
-
-
 class VideoSource(FrameSource):
     """Frames of real video; made by `open_video`. Usable in a `with` statement.
 
@@ -158,11 +146,11 @@ class VideoSource(FrameSource):
         self._reader, self._start, self._stop, self._every, self._fit = reader, start, stop, every, fit
         self._grey_noted = self._closed = False
         self._skip = start if reader.live else 0
-        self._log = FrameLog()
+        self._log = array("d")
         end = reader.count if stop is None else stop
         if start == 0 and stop is None and reader.timed and reader.stamps:
             nothing = np.zeros((0, 0), np.uint8)
-            end = sum(1 for _ in paced((Frame(nothing, s) for s in reader.stamps), reader.fps, FrameLog()))
+            end = sum(1 for _ in paced((Frame(nothing, s) for s in reader.stamps), reader.fps, array("d")))
         self.length = None if end is None else -(-(end - start) // every)
 
     @property
@@ -171,7 +159,7 @@ class VideoSource(FrameSource):
 
     @property
     def decoded(self) -> SourceFrames:
-        stamps, ticks = np.array(self._log.stamps), np.array(self._log.ticks)
+        stamps, ticks = np.array(self._log).reshape(-1, 2).T
         return SourceFrames(stamps, ticks / self._every, self._reader.names)
 
     def latest(self) -> Image | None:
@@ -206,7 +194,7 @@ class VideoSource(FrameSource):
         self.close()
 
     def _chunks(self, frames: int, start: int) -> Iterator[Tensor]:
-        log = self._log = FrameLog()
+        log = self._log = array("d")
         self.cuts = ()
         every, reader = self._every, self._reader
         first = self._skip if reader.live else self._start
@@ -217,7 +205,7 @@ class VideoSource(FrameSource):
             yield torch.stack(batch)
         if self._closed:
             return
-        received = len(log.stamps)
+        received = len(log) // 2
         wanted = reader.count or 0 if self._stop is None else self._stop
         if reader.live and reader.ended and (self._stop is None or received < self._stop):
             self.silent = f"{self.name} ended after {received} frames: {reader.ended}"
@@ -248,7 +236,7 @@ class VideoSource(FrameSource):
 def paced(
     frames: Iterable[Frame],
     fps: float,
-    log: FrameLog,
+    log: array[float],
     timed: bool = True,
     start: int = 0,
     on_jump: Callable[[int, float, float], None] | None = None,
@@ -261,7 +249,7 @@ def paced(
     Args:
         frames: from the first of the source on.
         fps: ticks a second.
-        log: notes every frame.
+        log: stamp and tick of every frame are added to it.
         timed: whether stamps count; else every frame is a tick.
         start: number of the frame at tick 0.
         on_jump: called with the number of the frame after a gap, its seconds, and the time on the clock.
@@ -271,10 +259,10 @@ def paced(
     ticks, noted = 0, True
     for number, frame in enumerate(frames):
         if number < start:
-            log.add(frame.stamp, math.nan)
+            log.extend((frame.stamp, math.nan))
             continue
         if not timed:
-            log.add(frame.stamp, ticks)
+            log.extend((frame.stamp, ticks))
             ticks += 1
             yield frame.image
             continue
@@ -291,15 +279,15 @@ def paced(
             time = now if now > time else time + 1 / fps
             while (ticks + 0.5) / fps <= time:
                 if not noted:
-                    log.add(shown.stamp, ticks)
+                    log.extend((shown.stamp, ticks))
                     noted = True
                 yield shown.image
                 ticks += 1
             if not noted:
-                log.add(shown.stamp, min(max(before * fps, ticks - 1.0), float(ticks)))
+                log.extend((shown.stamp, min(max(before * fps, ticks - 1.0), float(ticks))))
         shown, noted, before = frame, False, time
     if shown is not None:
-        log.add(shown.stamp, ticks)
+        log.extend((shown.stamp, ticks))
         yield shown.image
 
 
