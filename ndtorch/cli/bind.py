@@ -47,7 +47,7 @@ class Bind(BindJob):
         from ndtorch.run.opening import prepare
         from ndtorch.run.progress import progress_bar
         from ndtorch.run.result import Watcher
-        from ndtorch.run.run import run_model
+        from ndtorch.run.run import picture_interval, run_model
         from ndtorch.utils.tensors import tune_allocator
 
         # Programs choose; the library never does. Two threads get in each other's way on a busy machine.
@@ -63,8 +63,9 @@ class Bind(BindJob):
         try:
             if isinstance(model, WholeFieldModel) and find_spec("pyarrow") is not None:
                 watchers.append(ResponseFile(work / "responses.parquet"))
-            if self.pictures:
-                rate = source.fps / max(1, round(source.fps / self.pictures))
+            interval = picture_interval(model, source, self.pictures)
+            if interval:
+                rate = source.fps / interval
                 if model.tracks:
                     film = Film(work / "frames.mp4", rate, source.full_size)
                 watchers.append(film or EnhancedVideo(work / "enhanced.mp4", rate, source.size))

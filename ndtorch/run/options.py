@@ -47,8 +47,8 @@ class BindJob:
     """Videos: crop to the middle square (default) or stretch; foreground takes the whole picture."""
     device: str = "cpu"
     """Torch device."""
-    pictures: float = 5.0
-    """Pictures of the source, 1/s; 0 for none."""
+    pictures: float | None = None
+    """Pictures of the source, 1/s; 0 for none (default: those of a video, for overlay.mp4; 5 for enhanced.mp4)."""
     resume: Path | None = None
     """Result folder of an earlier run to go on from, with its model and source."""
 

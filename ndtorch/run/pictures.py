@@ -40,12 +40,22 @@ class PictureMaker:
         self._thread = ThreadPoolExecutor(1, "pictures")
         self._last: Future[None] | None = None
 
+    def show(self, frames: Tensor, first: int, every: int) -> None:
+        """Make a picture of every n-th of the frames `[T, 3, H, W]`, the first of which has this number."""
+        due = [k for k in range(len(frames)) if (first + k + 1) % every == 0]
+        if due:
+            self.wait()
+            large = self.source.latest()
+            pixels = large or [to_pixels(shown(frame)) for frame in frames]
+            pictures = [Picture((first + k) / self.source.fps, pixels[k]) for k in due]
+            self._last = self._thread.submit(self._show, *pictures)
+
     def take(self, time: float, frame: Tensor, signals: Any, state: Any) -> None:
         """Make a picture of a frame `[3, H, W]`, signals and state right after it; waits for the one before."""
         self.wait()
         if self.model.tracks:
             large = self.source.latest()
-            picture = Picture(time, to_pixels(shown(frame)) if large is None else large)
+            picture = Picture(time, large[-1] if large else to_pixels(shown(frame)))
             self._last = self._thread.submit(self._show, picture)
         else:
             table = self.model.table(state)
@@ -56,9 +66,10 @@ class PictureMaker:
         if self._last is not None:
             self._last.result()
 
-    def _show(self, picture: Picture) -> None:
-        for watcher in self.watchers:
-            watcher.picture(picture)
+    def _show(self, *pictures: Picture) -> None:
+        for picture in pictures:
+            for watcher in self.watchers:
+                watcher.picture(picture)
 
     @torch.inference_mode()
     def _enhance(self, time: float, frame: Tensor, signals: Any, state: Any, table: Any) -> None:

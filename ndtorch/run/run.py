@@ -24,7 +24,7 @@ def run_model(
     source: FrameSource,
     state: Any = None,
     start: int = 0,
-    pictures_per_second: float = 5.0,
+    pictures_per_second: float | None = None,
     watchers: Sequence[Watcher] = (),
     report: Callable[[int], None] | None = None,
     device: torch.device | str = "cpu",
@@ -40,7 +40,7 @@ def run_model(
         source: frames `[T, 3, H, W]`.
         state: where an earlier run ended; None starts at rest.
         start: number of the first frame.
-        pictures_per_second: how often watchers get a picture; 0 for never.
+        pictures_per_second: how often watchers get a picture; 0 for never, None for `picture_interval`.
         watchers: who looks on.
         report: called with the number of frames of each chunk.
         device: where the model runs.
@@ -49,13 +49,15 @@ def run_model(
     Raises:
         InputError: a source that yields no frame or only one, or frames that the model refuses.
     """
-    # Chunks end where a picture is due, so that the motion filters stand at its frame; long ones leave the cache.
-    every = 8 if pictures_per_second <= 0 else max(1, round(source.fps / pictures_per_second))
-    length = next(n for n in range(min(every, 12), 0, -1) if every % n == 0)
+    every = picture_interval(model, source, pictures_per_second)
+    # Chunks end where a picture is due, so that the state is that of its frame, where rows are not of every frame; long
+    # ones leave the cache.
+    chunk = every or 8
+    length = 8 if model.group else next(n for n in range(min(chunk, 12), 0, -1) if chunk % n == 0)
     rows = list[tuple[np.ndarray[Any, Any], ...]]()
     cuts: list[float] = []
     frames_seen, now, interrupted, diverged, fresh = 0, 0.0, False, False, state is None
-    maker, masks = PictureMaker(model, source, every / source.fps, watchers), MaskStore()
+    maker, masks = PictureMaker(model, source, chunk / source.fps, watchers), MaskStore()
     sightings: dict[int | None, list[tuple[float, float, float]]] = defaultdict(list)
     began = time.perf_counter()
     try:
@@ -82,9 +84,9 @@ def run_model(
                         sightings[one.track].append((now, *(one.place or (0.0, 0.0))))
                 for watcher in watchers:
                     watcher.signals(signals, learned, state)
-                # Enhanced images need outputs of this very chunk; tracks do not.
-                due = pictures_per_second > 0 and frames_seen % every == 0
-                if due and (model.tracks or times):
+                if every and model.group:
+                    maker.show(frames, start + frames_seen - len(frames), every)
+                elif every and frames_seen % every == 0 and (model.tracks or times):
                     maker.take(now, frames[-1], signals, state)
                 if report is not None:
                     report(len(frames))
@@ -123,6 +125,14 @@ def run_model(
         tuple(cuts),
         None if diverged else model.confidence(state),
     )
+
+
+def picture_interval(model: BindingModel, source: FrameSource, rate: float | None) -> int:
+    """Frames from one picture to the next, 0 for none. Without a rate, every step of a model with rows of every frame,
+    and 5 a second of others."""
+    step = model.group or 1
+    rate = (source.fps / step if model.group else 5.0) if rate is None else rate
+    return step * max(1, round(source.fps / step / rate)) if rate > 0 else 0
 
 
 def numbered(things: Sequence[BoundObject], sightings: dict[int | None, list[Any]]) -> list[BoundObject]:

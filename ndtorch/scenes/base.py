@@ -81,9 +81,10 @@ class FrameSource(ABC):
         """The frames of the source that the latest reading decoded; None where every frame is delivered, as it is."""
         return None
 
-    def latest(self) -> np.ndarray[Any, np.dtype[np.uint8]] | None:
-        """The latest frame delivered, as large as the source has it, `[H, W, 3]` uint8; None where it is not larger."""
-        return None
+    def latest(self) -> list[np.ndarray[Any, np.dtype[np.uint8]]]:
+        """Frames of the latest chunk, as large as the source has them, `[H, W, 3]` uint8; none where they are not
+        larger."""
+        return []
 
     @abstractmethod
     def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:

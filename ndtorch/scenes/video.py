@@ -142,7 +142,7 @@ class VideoSource(FrameSource):
         self.name, self.fps, self.size = name, float(reader.fps) / every, size
         self.silent = ""
         self.pixel_map = _pixel_map(reader.size, size, fit)
-        self._latest: Image | None = None
+        self._latest: list[Image] = []
         self._reader, self._start, self._stop, self._every, self._fit = reader, start, stop, every, fit
         self._grey_noted = self._closed = False
         self._skip = start if reader.live else 0
@@ -162,8 +162,8 @@ class VideoSource(FrameSource):
         stamps, ticks = np.array(self._log).reshape(-1, 2).T
         return SourceFrames(stamps, ticks / self._every, self._reader.names)
 
-    def latest(self) -> Image | None:
-        return None if self._latest is None else _rgb(self._latest)
+    def latest(self) -> list[Image]:
+        return [_rgb(image) for image in self._latest]
 
     def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
         """Yield `[T, 3, H, W]` uint8 with T <= `frames`, from frame `start` of this source to its end.
@@ -201,7 +201,7 @@ class VideoSource(FrameSource):
         self._skip = 0
         images = paced(islice(reader.read(), self._stop), reader.fps, log, reader.timed, first, self._note_jump)
         images = islice(images, start * every, None, every)
-        while batch := [self._frame(image) for image in islice(images, frames)]:
+        while batch := [self._frame(image) for image in self._large(images, frames)]:
             yield torch.stack(batch)
         if self._closed:
             return
@@ -221,13 +221,16 @@ class VideoSource(FrameSource):
         warnings.warn(line, stacklevel=3)
         self.cuts = (*self.cuts, time)
 
+    def _large(self, images: Iterator[Image], frames: int) -> list[Image]:
+        """The next frames as large as the source has them."""
+        stretch = self._reader.stretch
+        self._latest = [image if stretch is None else stretch(image) for image in islice(images, frames)]
+        return self._latest
+
     def _frame(self, image: Image) -> Tensor:
-        if self._reader.stretch is not None:
-            image = self._reader.stretch(image)
         if image.ndim == 2 and not self._grey_noted:
             warnings.warn(f"video {self.name} is grey: copied into red, green and blue", stacklevel=4)
             self._grey_noted = True
-        self._latest = image
         if self._fit == "reduce":
             return torch.from_numpy(_rgb(reduced(image, self.size))).permute(2, 0, 1)
         return _resized(torch.from_numpy(_rgb(image)).permute(2, 0, 1), self.size, self._fit)

@@ -141,7 +141,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
                 frame[:, top:bottom, left:right] = torch.tensor(COLORS[name])[:, None, None]
             film.write((frame + 0.01 * torch.randn(frame.shape, generator=generator)).clamp(0, 1))
     for name, more in (("whole", []), ("prefix", ["--stop", str(PREFIX)])):
-        assert main(["bind", str(tmp / "blocks.mkv"), "--out", str(tmp / name), "--pictures", "5", *more]) == 0
+        assert main(["bind", str(tmp / "blocks.mkv"), "--out", str(tmp / name), *more]) == 0
     return tmp / "whole" / "blocks", tmp / "prefix" / "blocks"
 
 
@@ -220,14 +220,14 @@ def test_the_overlay_has_the_boxes_of_the_rows(runs: tuple[Path, Path]) -> None:
     rows = rows_of(runs[0])
     color = {one["object"]: one["color"] for one in json.loads((runs[0] / "objects.json").read_text())["objects"]}
     video = cv2.VideoCapture(str(runs[0] / "overlay.mp4"))
-    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == FRAMES / 4
-    for n in range(FRAMES // 4):
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == FRAMES
+    for n in range(FRAMES):
         image = video.read()[1][..., ::-1].astype(int)
-        own = {number: row for (frame, number), row in rows.items() if frame == 4 * (n + 1)}
+        own = {number: row for (frame, number), row in rows.items() if frame == n + 1}
         for number, (left, top, width, *_) in own.items():
             edge = image[max(0, round(top) - 1) : round(top) + 2, round(left + 4) : max(round(left + width - 4), 1)]
             # Where two blocks meet, the label of one covers the box of the other.
-            if edge.size and 12 < left < SIZE[1] - 60 and not 75 < 4 * n < 115:
+            if edge.size and 12 < left < SIZE[1] - 60 and not 75 < n < 115:
                 assert (abs(edge - rgb(color[number])) < 90).all(-1).mean() > 0.1
         if not own:
             assert not (abs(image - rgb("red")) < 60).all(-1).any()

@@ -40,6 +40,7 @@ class BindingModel(nn.Module, ABC):
         kernels_only: whether it has no implementation in torch.
         config_type: what its config.toml holds.
         tracks: whether its objects have places and times.
+        group: frames averaged into a step, of models whose objects have a row for every frame; 0 of others.
         trained: whether it has a trained first stage.
         config: all constants.
         dt: seconds between the rows of its signals.
@@ -51,6 +52,7 @@ class BindingModel(nn.Module, ABC):
     name: ClassVar[str]
     config_type: ClassVar[type[ModelConfig]]
     tracks: ClassVar[bool] = False
+    group: int = 0
     trained: ClassVar[bool] = True
     exportable: ClassVar[bool] = True
     kernels_only: ClassVar[bool] = False
