@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose
 from ndtorch.binding import InhibitoryNetwork, learning_rule, spectral_radius
 from ndtorch.binding.rules import ScaleFreeRule
 from tests.compilers import exports
-from tests.strategies import chunkings, in_chunks
 
 
 def sources(steps: int, seed: int = 0, count: int = 2) -> torch.Tensor:
@@ -49,17 +48,6 @@ def test_scaling_the_signals_changes_no_weight(seed: int, scale: float) -> None:
     (plain, one), (scaled, other) = network(signals), network(scale * signals)
     assert_allclose(other.weights, one.weights, rtol=1e-6, atol=1e-9)
     assert_allclose(scaled, scale * plain, rtol=1e-6, atol=1e-9 * scale)
-
-
-@settings(max_examples=15, deadline=None)
-@given(lengths=chunkings(60))
-def test_chunks_do_not_matter(lengths: list[int]) -> None:
-    network, signals = InhibitoryNetwork.scale_free(4, settle=0.1), sources(60) @ MIXING
-    whole, end = network(signals)
-    parts, part_end = in_chunks(network, signals, lengths, -2)
-    assert_allclose(parts, whole, rtol=1e-9, atol=1e-12)
-    for one, other in zip(part_end, end, strict=True):
-        assert torch.equal(one, other)
 
 
 def test_outputs_solve_the_feedback() -> None:
@@ -107,17 +95,6 @@ def two_things(steps: int = 80) -> torch.Tensor:
 def of_fields(dt: float = 0.04, rule: ScaleFreeRule | None = ScaleFreeRule()) -> InhibitoryNetwork:  # noqa: B008
     taus = {"tau_in": torch.inf, "tau_out": 2.0}
     return InhibitoryNetwork(10, dt, rule, "settled", shared=True, settle=0.0, faint=0.05, **taus)
-
-
-@settings(max_examples=5, deadline=None)
-@given(lengths=chunkings(30))
-def test_chunks_of_fields_give_the_same_as_the_whole(lengths: list[int]) -> None:
-    inputs = 3 * two_things(30)
-    whole, end = of_fields()(inputs)
-    parts, part_end = in_chunks(of_fields(), inputs, lengths, -3)
-    assert torch.equal(parts, whole)
-    for one, other in zip(part_end, end, strict=True):
-        assert torch.equal(one, other)
 
 
 def test_features_of_the_same_place_are_bound_and_others_are_not() -> None:

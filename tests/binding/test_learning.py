@@ -11,25 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import ACTIVATIONS, BindingInputs, InhibitoryNetwork, LearningRule, learning_rule
-from ndtorch.binding.normalise import ORDERS, InputState, Order, divide
+from ndtorch.binding import BindingInputs, InhibitoryNetwork, LearningRule, learning_rule
+from ndtorch.binding.normalise import ORDERS, Order, divide
 from ndtorch.binding.rules import RULES, ScaleFreeRule, cube, learning_onset
-from tests.strategies import chunkings
 
 EDGES = [(0, 4), (4, 7), (7, 10)]
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:
     return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
-
-
-def run(module: BindingInputs, x: torch.Tensor, lengths: list[int]) -> tuple[torch.Tensor, InputState]:
-    parts, state = [], None
-    for chunk in x.split(lengths, -2):
-        (inputs, _), state = module(chunk, state)
-        parts.append(inputs)
-    assert state is not None
-    return torch.cat(parts, -2), state
 
 
 def reference(
@@ -72,19 +62,6 @@ def test_filtered_inputs_never_exceed_one(seed: int, scale: float, floor: float)
     assert inputs.abs().max() <= 1
 
 
-def test_the_largest_fluctuation_of_a_group_becomes_one() -> None:
-    sums = torch.full((2, 10), 10.0)
-    sums[1] += torch.arange(10.0)
-    (inputs, _), _ = BindingInputs()(sums)
-    assert_allclose(inputs[1], [0, 1 / 3, 2 / 3, 1, 4 / 6, 5 / 6, 1, 7 / 9, 8 / 9, 1], atol=1e-5)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_a_static_scene_gives_exactly_zero(order: Order) -> None:
-    (inputs, _), _ = BindingInputs(order=order)(noise(1, 10).float().expand(300, 10))
-    assert not inputs.any()
-
-
 @pytest.mark.parametrize("order", ORDERS)
 def test_a_silent_group_stays_zero(order: Order) -> None:
     sums = noise(30, 10)
@@ -101,17 +78,6 @@ def test_fluctuations_below_the_floor_are_not_blown_up() -> None:
     (loud, _), _ = BindingInputs(floor=0.0)(sums)
     assert quiet.abs().max() < 1e-4
     assert loud.abs().max() == 1
-
-
-@settings(max_examples=15, deadline=None)
-@given(order=st.sampled_from(ORDERS), lengths=chunkings(25))
-def test_chunks_give_the_whole(order: Order, lengths: list[int]) -> None:
-    module, sums = BindingInputs(0.05, order, window=0.3), 1 + noise(2, 25, 10)
-    (whole, _), end = module(sums)
-    parts, part_end = run(module, sums, lengths)
-    assert_allclose(parts, whole, atol=1e-12)
-    for a, b in zip(part_end, end, strict=True):
-        assert_allclose(a, b, atol=1e-12)
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -137,19 +103,6 @@ def products(rule: LearningRule, fluctuation: torch.Tensor) -> torch.Tensor:
     """What one time step makes of every weight."""
     n = fluctuation.shape[-1]
     return rule.change(fluctuation.unsqueeze(-2), torch.zeros(n), torch.zeros(n, n))
-
-
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("cube", [-0.512, 0.001, 0.125]),
-        ("tanh-pi", np.tanh(np.pi * X.numpy())),
-        ("tanh-10", np.tanh(10 * X.numpy())),
-        ("linear", X.numpy()),
-    ],
-)
-def test_activations(name: str, values: list[float]) -> None:
-    assert_allclose(ACTIVATIONS[name](X), values, rtol=1e-12)
 
 
 def test_competitive_puts_the_cube_on_the_inhibiting_neuron() -> None:

@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose
 from ndtorch.binding import InhibitoryNetwork, alternation, learning_rule, weight_change
 from ndtorch.binding.network import WhenFull
 from ndtorch.binding.rules import ScaleFreeRule
-from tests.strategies import chunkings, in_chunks
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -149,18 +148,6 @@ def test_a_batch_is_that_many_single_runs(when_full: WhenFull) -> None:
         assert_allclose(out[i], alone, atol=1e-9)
         assert_allclose(state.weights[i], end.weights, atol=1e-9)
         assert state.stopped[i] == end.stopped
-
-
-@settings(max_examples=15, deadline=None)
-@given(lengths=chunkings(40), when_full=st.sampled_from(["rescale", "stop"]))
-def test_chunks_give_the_whole(lengths: list[int], when_full: WhenFull) -> None:
-    module = small(gamma=20.0, radius_limit=0.4, when_full=when_full, window=0.13)
-    inputs = noise(2, 40, 3) + noise(2, 40, 1, seed=1)
-    whole, end = module(inputs)
-    parts, part_end = in_chunks(module, inputs, lengths, -2)
-    assert_allclose(parts, whole, atol=1e-12)
-    for a, b in zip(part_end, end, strict=True):
-        assert_allclose(a, b, atol=1e-12)
 
 
 @pytest.mark.parametrize("batch", [(), (2,)])

@@ -82,19 +82,6 @@ def test_two_equal_objects_are_two() -> None:
     assert features_of(module, state) == [{"right", "0°", "red"}] * 2
 
 
-def test_objects_that_fluctuate_in_phase_are_two() -> None:
-    light = wave(300, 1.1)
-    module = windows()
-    counts, state = module(
-        blob(RIGHT_RED, light, (4.0, 3.0), (0.0, 1.5)) + blob(LEFT_GREEN, light, (10.0, 9.0), (0.0, -1.5))
-    )
-    assert counts[-1] == 2
-    assert set(map(frozenset, features_of(module, state))) == {
-        frozenset({"right", "0°", "red"}),
-        frozenset({"left", "60°", "green"}),
-    }
-
-
 def test_objects_that_cross_keep_their_windows() -> None:
     light = wave(200, 1.1), wave(200, 0.8, 0.3)
     scene = blob(RIGHT_RED, light[0], (8.0, 3.0), (0.0, 1.5)) + blob(UP_BLUE, light[1], (13.0, 8.0), (-1.5, 0.0))
@@ -146,23 +133,6 @@ def two() -> Tensor:
     return blob(RIGHT_RED, wave(80, 1.1), (4.0, 3.0), (0.0, 1.5)) + blob(
         LEFT_GREEN, wave(80, 0.7), (9.0, 9.0), (0.5, -1.5)
     )
-
-
-def test_pieces_and_batches_give_the_same() -> None:
-    module, scene = windows(), two()
-    counts, end = module(scene)
-    state, parts = None, []
-    for part in scene.split([1, 2, 30, 7, 40]):
-        some, state = module(part, state)
-        parts.append(some)
-    assert torch.equal(torch.cat(parts), counts)
-    assert state is not None
-    assert all(torch.equal(a, b) for a, b in zip(state, end, strict=True))
-    batch, states = module(torch.stack([scene, 0 * scene, scene.flip(1)]))
-    assert batch.shape == (3, 80)
-    assert torch.equal(batch[0], counts)
-    assert batch[1].max() == 0
-    assert torch.allclose(states.place[0], end.place, atol=1e-4)
 
 
 @settings(max_examples=8, deadline=None)

@@ -44,15 +44,6 @@ def test_table_by_a_loop_over_entries() -> None:
         assert bool(table.owners[k]) == (sum(kept) > 0.6)
 
 
-def test_thresholds() -> None:
-    weights = torch.zeros(3, 3)
-    weights[0, 1], weights[2, 1], weights[0, 2] = 1.0, 0.3, 0.59
-    assert object_table(weights).owners.tolist() == [False, True, False]
-    assert simplified(weights)[2, 1] == 0
-    assert simplified(weights, smallest_weight=0.2)[2, 1] == pytest.approx(0.3)
-    assert object_table(weights, smallest_column=0.5).owners.tolist() == [False, True, True]
-
-
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**31), scale=st.floats(1e-20, 1e11), neurons=st.integers(2, 10))
 def test_scaling_changes_nothing(seed: int, scale: float, neurons: int) -> None:
@@ -70,12 +61,6 @@ def test_objects_name_their_features() -> None:
     assert (red.neuron, red.index) == ("red", 7)
     assert red.features == pytest.approx({"right": 1, "down": 0.625, "0°": 0.5, "120°": 0.5, "red": 1})
     assert list(green.features) == ["left", "down", "0°", "60°", "green"]
-
-
-def test_objects_in_words() -> None:
-    red, green = bound_objects(object_table(two_objects()))
-    assert str(red) == "red, moving right and down, orientation between 0° and 120°"
-    assert describe(green) == "green, moving left and down, orientation between 0° and 60°"
 
 
 @pytest.mark.parametrize(

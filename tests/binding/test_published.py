@@ -9,19 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import ndtorch
 from ndtorch.binding import BindingInputs, InhibitoryNetwork, LearningRule, PublishedModel, learning_rule
-from ndtorch.binding.models.whole_field import BindingSignals, BindingState, PublishedConfig
+from ndtorch.binding.models.whole_field import BindingState, PublishedConfig
 from ndtorch.binding.rules import RULES
 from ndtorch.config import with_options
 from ndtorch.errors import InputError
-from ndtorch.utils.tensors import leaves
 from ndtorch.vision import GROUPS, VisualFeatures
-from tests.strategies import chunkings
 
 QUICK = {"gamma": 5.0, "settle": 0.1, "tau_onset": 0.1, "window": 0.5, "stable_window": 0.2}
 
@@ -50,16 +46,6 @@ def two_things(seconds: float, fps: float = 100.0) -> torch.Tensor:
     features[0, [1, 2, 4, 6, 7]] = torch.tensor([1.0, 0.6, 0.7, 0.7, 0.9])
     features[1, [0, 2, 4, 5, 8]] = torch.tensor([1.0, 0.6, 0.7, 0.7, 0.9])
     return 100 * torch.stack([red, green], -1) @ features
-
-
-def run(module: PublishedModel, frames: torch.Tensor, lengths: list[int] | int) -> tuple[BindingSignals, BindingState]:
-    parts, state = [], None
-    for chunk in frames.split(lengths, -4):
-        signals, state = module(chunk, state)
-        parts.append(signals)
-    assert state is not None
-    joined = [torch.cat(p, -1 if p[0].ndim == 1 else -2) for p in zip(*parts, strict=True)]
-    return BindingSignals(*joined), state
 
 
 def assert_same(got: tuple, expected: tuple, atol: float = 1e-5) -> None:
@@ -105,19 +91,6 @@ def test_any_frame_rate_is_brought_to_the_networks_step(fps: float) -> None:
     for column, expected in zip(signals.sums.T, sums.T, strict=True):
         interpolated = np.interp(np.arange(count) * 0.01, np.arange(25) / fps, expected)
         assert_allclose(column, interpolated, rtol=1e-4, atol=1e-4)
-
-
-@settings(max_examples=12, deadline=None)
-@given(fps=st.sampled_from([12.5, 30.0, 100.0, 120.0, 240.0]), lengths=chunkings(24))
-def test_chunks_and_pauses_do_not_matter(fps: float, lengths: list[int]) -> None:
-    module, frames = model(fps=fps), noise(24, 3, 12, 14)
-    whole, end = module(frames)
-    parts, part_end = run(module, frames, lengths)
-    assert_same(parts, whole)
-    one, other = leaves(part_end), leaves(end)
-    assert one.keys() == other.keys()
-    for name, part in one.items():
-        assert_allclose(part, other[name], rtol=1e-4, atol=1e-5, err_msg=name)
 
 
 def test_a_constant_scene_is_static() -> None:

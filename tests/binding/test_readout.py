@@ -84,19 +84,6 @@ def test_features_are_those_of_each_bar() -> None:
         assert {name, motion, tilt} == present - {"red", "green", "blue"} | {name}
 
 
-@settings(max_examples=4, deadline=None)
-@given(lengths=st.lists(st.integers(1, 300), min_size=1, max_size=5))
-def test_chunks_give_the_whole(lengths: list[int]) -> None:
-    signals = sums(2, sum(lengths) / RATE)
-    estimator, whole = after(signals)
-    state = None
-    for part in torch.split(signals, lengths):
-        state = estimator(part, state)
-    assert state is not None
-    for one, other in zip(state, whole, strict=True):
-        torch.testing.assert_close(one, other, rtol=1e-7, atol=1e-7)
-
-
 def test_scenes_in_a_batch_are_counted_as_each_alone() -> None:
     estimator, state = after(torch.stack([sums(1), sums(2), sums(3)]))
     assert estimator.number(state).tolist() == [1, 2, 3]

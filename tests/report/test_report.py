@@ -17,12 +17,12 @@ import torch
 
 from ndtorch.binding import BoundObject, Verdict, bound_objects, object_table
 from ndtorch.cli.commands import main
-from ndtorch.report.exports import STATES, ResponseFile, run_lengths
+from ndtorch.report.exports import STATES, ResponseFile
 from ndtorch.report.films import EnhancedVideo, rgb
 from ndtorch.report.page import Page, Shown, Table
 from ndtorch.report.plots import draw_all
 from ndtorch.report.summary import in_words, summary
-from ndtorch.run.result import MaskStore, Moment, Picture, Placed, RunResult, Trace
+from ndtorch.run.result import MaskStore, Moment, Picture, RunResult, Trace
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.foreground.passing_scenes import ground
 
@@ -255,18 +255,6 @@ def test_pandas_reads_the_tables(runs: tuple[Path, Path]) -> None:
     assert table.time.to_numpy() == pytest.approx((table.frame - 1) / FPS)
     blue = table[table.feature_blue > 0.5]
     assert blue.speed.median() == pytest.approx(4 * FPS, rel=0.1)
-
-
-@pytest.mark.parametrize("top", [0, 3])
-@pytest.mark.parametrize("left", [0, 4])
-def test_run_lengths_are_those_of_pycocotools(top: int, left: int) -> None:
-    masks = pytest.importorskip("pycocotools.mask")
-    crop = np.random.default_rng(0).random((40, 30)) < 0.7
-    crop[:, 5:8] = True
-    full = np.zeros((40 + top, 30 + left), np.uint8)
-    full[top:, left:] = crop
-    want = masks.encode(np.asfortranarray(full))
-    assert run_lengths(Placed(top, left, crop), *full.shape).encode() == want["counts"]
 
 
 class Signals:

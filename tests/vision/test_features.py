@@ -12,16 +12,10 @@ from torch import Tensor
 
 from ndtorch.arguments import set_backend
 from ndtorch.errors import InputError
-from ndtorch.vision import FEATURES, GROUPS, HassensteinReichardt, OrientedDoG, VisualFeatures
-from ndtorch.vision.frames import check_frames, grey
+from ndtorch.vision import HassensteinReichardt, OrientedDoG, VisualFeatures
+from ndtorch.vision.frames import check_frames
 from ndtorch.vision.motion import BORDERS, Border, MotionState
 from tests.strategies import in_chunks, noise
-
-
-def test_names_and_groups() -> None:
-    assert FEATURES == ("left", "right", "down", "up", "0°", "60°", "120°", "red", "green", "blue")
-    assert [FEATURES[group] for group in GROUPS.values()] == [FEATURES[:4], FEATURES[4:7], FEATURES[7:]]
-    assert list(GROUPS) == ["motion", "orientation", "color"]
 
 
 @pytest.mark.parametrize("border", BORDERS)
@@ -146,15 +140,6 @@ def test_any_number_of_halvings(border: Border, widest: float, halvings: int) ->
     torch.testing.assert_close(whole, torch.cat(found), rtol=1e-6, atol=0)
 
 
-def test_floats_that_are_not_scaled_are_refused() -> None:
-    frames = noise_frames(torch.float32, 5)
-    frames[4, 1, 36, 7] = 3.0  # one pixel, in a row that is looked at: every twelfth
-    with pytest.raises(InputError, match=r"must lie in 0..1, got .* to 3"):
-        by_torch(VisualFeatures(SIZE), frames)
-    with pytest.raises(InputError, match=r"must lie in 0..1, got .* to 3"):
-        VisualFeatures(SIZE)(frames)
-
-
 @pytest.mark.parametrize(
     ("frames", "message"),
     [
@@ -171,13 +156,6 @@ def test_floats_that_are_not_scaled_are_refused() -> None:
 def test_bad_frames_are_refused_by_name(frames: torch.Tensor, message: str) -> None:
     with pytest.raises(InputError, match=r"^frames must .*" + message):
         check_frames(frames, (4, 5))
-
-
-def test_grey_is_the_mean_of_the_planes_and_leaves_them_alone() -> None:
-    frames = torch.rand(2, 3, 4, 5, dtype=torch.float64)
-    before = frames.clone()
-    assert_allclose(grey(frames), before.numpy().mean(-3), atol=1e-15)
-    assert torch.equal(frames, before)
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 255.0), (-1.0, 1.0), (0.0, 1.5), (-0.1, 1.0), (0.0, 1.1)])

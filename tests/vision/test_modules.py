@@ -146,13 +146,6 @@ def test_deviations_of_orientation_filters_are_learned() -> None:
     assert torch.autograd.gradcheck(lambda c: torch.func.functional_call(filters, {"center": c}, (x,)), (center,))
 
 
-def test_a_time_constant_for_each_channel() -> None:
-    x, taus = noise(6, 3, 2, 2), torch.tensor([0.0, 0.1, 0.4])
-    together, _ = LowPass(taus[:, None, None], 0.05)(x)
-    for channel, tau in enumerate(taus.tolist()):
-        torch.testing.assert_close(together[:, channel], LowPass(tau, 0.05)(x[:, channel : channel + 1])[0][:, 0])
-
-
 def test_a_sequential_hands_on_states() -> None:
     """In chunks as at once, and as by hand."""
     convolution = nn.Conv2d(4, 2, 3)

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
 from ndtorch.scenes import moving_bar
-from ndtorch.vision import ANGLES, OrientedDoG, dog_spectrum
+from ndtorch.vision import ANGLES, OrientedDoG
 from ndtorch.vision.motion import BORDERS, Border
 from tests.strategies import noise
 
@@ -59,14 +59,6 @@ def test_responses_are_a_circular_convolution_with_the_kernel(index: int) -> Non
     assert_allclose(got, expected, atol=1e-6 * abs(expected).max())
 
 
-def test_spectrum_is_the_transform_of_the_kernel() -> None:
-    rows = torch.fft.fftfreq(48, dtype=torch.float64)[:, None]
-    columns = torch.fft.fftfreq(48, dtype=torch.float64)
-    for degrees in (0.0, 60.0, 120.0, -17.0):
-        got = dog_spectrum(rows, columns, math.radians(degrees))
-        assert_allclose(got, np.fft.fft2(kernel(48, degrees)).real, atol=1e-12)
-
-
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("exact", [True, False])
 def test_a_uniform_image_gives_nothing(border: Border, exact: bool) -> None:
@@ -89,12 +81,6 @@ def test_a_bar_drives_its_own_orientation(exact: bool, degrees: float, index: in
     assert sums.argmax() == index
     others = [k for k in range(3) if k != index]
     assert sums[index] > 1.2 * sums[others].max()
-
-
-@pytest.mark.parametrize("border", BORDERS)
-def test_exact_sums_are_the_sums_of_the_images(border: Border) -> None:
-    module, image = OrientedDoG((70, 81), border=border, exact=True), noise(2, 70, 81)
-    assert_allclose(module.sums(image), module.images(image).abs().sum((-1, -2)), rtol=1e-12)
 
 
 def worst_error(size: tuple[int, int], border: Border, image: torch.Tensor) -> float:
