@@ -199,27 +199,16 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
         refused([*resumed, "--rule", "hebbian"], capsys, "has no option rule; published", model)
 
 
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        *(
-            ({key: value}, [key])
-            for key, value in (
-                *(("frames", "x"), ("frames", -1), ("fit", 3), ("gamma", []), ("seed", -1), ("fps", 1e300)),
-                ("unheard", 1),
-            )
-        ),
-    ],
-)
+@pytest.mark.parametrize(("key", "value"), [("frames", -1), ("fit", 3), ("gamma", []), ("fps", 1e300), ("unheard", 1)])
 def test_options_of_a_kept_run_have_types(
-    changed: dict[str, object], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    key: str, value: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     about = {"model": "foreground", "source": "two-bars", "frames": 10, "rate": 100.0}
     (tmp_path / "from" / "others").mkdir(parents=True)
     save_tensors(
-        {"a": torch.zeros(1)}, tmp_path / "from/others/state.safetensors", {"run": json.dumps(about | changed)}
+        {"a": torch.zeros(1)}, tmp_path / "from/others/state.safetensors", {"run": json.dumps(about | {key: value})}
     )
-    refused(["bind", "--resume", str(tmp_path / "from/others"), "--out", str(tmp_path / "out")], capsys, *words)
+    refused(["bind", "--resume", str(tmp_path / "from/others"), "--out", str(tmp_path / "out")], capsys, key)
 
 
 def test_a_file_name_goes_escaped_to_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

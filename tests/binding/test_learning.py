@@ -145,12 +145,6 @@ def test_the_gate_lets_the_stronger_inhibit_the_weaker() -> None:
     assert_allclose(change[1, 0], 1 / 257, rtol=1e-5)
 
 
-def test_the_rate_falls_from_a_fast_start() -> None:
-    rule = ScaleFreeRule()
-    got = rule.rate(torch.tensor([-1.0, 0.0, 4.0, 100.0], dtype=torch.float64))
-    assert_allclose(got, [0, 0, 0.2 * (1 + 15 * math.exp(-1)), 0.2], rtol=1e-6)
-
-
 def test_a_rule_of_ones_own_has_a_name_like_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(RULES, "sign", lambda **constants: LearningRule(torch.sign, cube, "sign", **constants))
     network = InhibitoryNetwork(2, rule="sign", settle=0.0)

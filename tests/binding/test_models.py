@@ -11,10 +11,9 @@ import torch
 from torch import Tensor, nn
 
 import ndtorch
-from ndtorch.binding import ObjectFiles, RetinotopicModel
+from ndtorch.binding import RetinotopicModel
 from ndtorch.errors import InputError
 from ndtorch.scenes import equal_bars
-from ndtorch.vision import LocalFeatures, VisualFeatures
 
 NAMES = ("published", "scale-free", "retinotopic")
 
@@ -142,19 +141,6 @@ def model() -> RetinotopicModel:
 
 def noise(*shape: int) -> torch.Tensor:
     return torch.rand(*shape, 3, *SIZE, generator=torch.Generator().manual_seed(0))
-
-
-def test_signals_are_those_of_the_parts_in_a_row() -> None:
-    frames, module = noise(12), model()
-    signals, state = module(frames)
-    eyes = LocalFeatures(VisualFeatures(SIZE), 8)
-    fields, _ = eyes(frames)
-    number, end = ObjectFiles((8, 8), 8.0)(fields)
-    assert torch.equal(signals.fields, fields)
-    assert torch.equal(signals.number, number)
-    assert torch.equal(state.windows.place, end.place)
-    assert signals.outputs.shape == (12, 8, 8, 10)
-    assert signals.time.tolist() == pytest.approx([0.01 * n for n in range(12)])
 
 
 def test_a_batch_is_that_many_trials() -> None:

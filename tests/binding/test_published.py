@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 import ndtorch
 from ndtorch.binding import BindingInputs, InhibitoryNetwork, LearningRule, PublishedModel, learning_rule
-from ndtorch.binding.models.whole_field import BindingState, PublishedConfig
+from ndtorch.binding.models.whole_field import PublishedConfig
 from ndtorch.binding.rules import RULES
 from ndtorch.config import with_options
 from ndtorch.errors import InputError
@@ -126,45 +126,25 @@ def test_a_rule_given_as_an_object_is_not_saved(tmp_path: Path, monkeypatch: pyt
     assert not torch.equal(weights, model()(frames)[1].second.weights)
 
 
-def judged(weights: torch.Tensor | None = None, **parts: torch.Tensor) -> tuple[PublishedModel, BindingState]:
-    """A model and a state of a fluctuating scene whose second network is as given."""
+@pytest.mark.parametrize(
+    ("size", "parts", "verdict", "objects"),
+    [
+        (1.0, {}, "stable", ["red", "green"]),
+        (1.0, {"changes": torch.full((20,), 0.03)}, "learning", ["red", "green"]),
+        (0.5, {}, "learning", []),
+        (1.0, {"power": torch.ones(10), "roughness": 3.9 * torch.ones(10)}, "alternating", []),
+    ],
+)
+def test_verdicts(size: float, parts: dict[str, torch.Tensor], verdict: str, objects: list[str]) -> None:
+    """Settled weights, weights that change, small ones, and outputs that flip."""
     module = model()
     _, state = module.from_sums(two_things(1))
-    second = state.second._replace(changes=torch.zeros_like(state.second.changes), **parts)
-    if weights is not None:
-        second = second._replace(weights=weights)
-    return module, state._replace(second=second)
-
-
-def learned() -> torch.Tensor:
     weights = torch.zeros(10, 10)
-    weights[1, 7], weights[0, 8] = 0.8, 0.7
-    return weights
-
-
-def test_settled_weights_are_stable() -> None:
-    module, state = judged(learned())
-    assert module.verdict(state) == "stable"
-    assert [thing.neuron for thing in module.objects(state)] == ["red", "green"]
-
-
-def test_weights_that_change_are_learning() -> None:
-    module, state = judged(learned())
-    changing = state._replace(second=state.second._replace(changes=torch.full((20,), 0.03)))
-    assert module.verdict(changing) == "learning"
-    assert len(module.objects(changing)) == 2
-
-
-def test_small_weights_are_learning_and_no_object() -> None:
-    module, state = judged(0.5 * learned())
-    assert module.verdict(state) == "learning"
-    assert module.objects(state) == []
-
-
-def test_outputs_that_flip_are_alternating_and_no_object() -> None:
-    module, state = judged(learned(), power=torch.ones(10), roughness=3.9 * torch.ones(10))
-    assert module.verdict(state) == "alternating"
-    assert module.objects(state) == []
+    weights[1, 7], weights[0, 8] = 0.8 * size, 0.7 * size
+    second = state.second._replace(weights=weights, changes=torch.zeros_like(state.second.changes))
+    state = state._replace(second=second._replace(**parts))
+    assert module.verdict(state) == verdict
+    assert [thing.neuron for thing in module.objects(state)] == objects
 
 
 def test_a_batch_has_a_verdict_and_objects_a_trial() -> None:

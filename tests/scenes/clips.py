@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -56,3 +57,21 @@ def fake_capture(monkeypatch: pytest.MonkeyPatch, fps: float, count: float = 20,
             self.left = 0
 
     monkeypatch.setattr(cv2, "VideoCapture", Capture)
+
+
+def film(
+    path: Path, pictures: list[np.ndarray], stamps: list[float], claim: int = 25, container: str | None = None
+) -> Path:
+    """A video of pictures `[H, W, 3]` with these time stamps, whose stream claims a rate."""
+    av = pytest.importorskip("av")
+    with av.open(str(path), "w", format=container) as file:
+        stream = file.add_stream("libx264", rate=claim, options={"bf": "0", "crf": "20"})
+        stream.height, stream.width = pictures[0].shape[:2]
+        stream.pix_fmt = "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for picture, stamp in zip(pictures, stamps, strict=True):
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+            frame.pts, frame.time_base = round(1000 * stamp), Fraction(1, 1000)
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+    return path

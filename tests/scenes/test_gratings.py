@@ -62,11 +62,3 @@ def test_values_of_the_printed_equation(number: int) -> None:
         theta, psi = 2 * math.pi * 0.5 * t, 2 * math.pi * 0.2 * r + 2 * math.pi * 0.5 * t
         want = math.exp(-(r**2) / 1250) * (1 + math.sin(theta)) / 2 * (1 + math.cos(psi)) / 2
         np.testing.assert_allclose(frame[:, row, column], want, atol=1e-6)
-
-
-def test_rings_contract() -> None:
-    # A crest r = n / 0.2 - t * 0.5 / 0.2 moves inwards at 2.5 px/s.
-    row = rings(2.0, size=(1, 201), sigma=1e6, flicker=0.0).frames(0, 81)[:, 0, 0, 100:]
-    crest = row[:, 3:8].argmax(-1) + 3
-    assert crest[0] == 5
-    assert crest[80] == 3

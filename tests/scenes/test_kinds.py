@@ -8,7 +8,6 @@ import math
 import threading
 import time
 from collections.abc import Iterator
-from fractions import Fraction
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -18,7 +17,7 @@ import pytest
 
 from ndtorch.errors import InputError
 from ndtorch.scenes import open_video, readers
-from tests.scenes.clips import write
+from tests.scenes.clips import film, write
 
 SIZE = (96, 160)
 
@@ -31,22 +30,8 @@ def picture(number: int) -> np.ndarray:
     return image
 
 
-def encode(
-    path: Path, stamps: list[float], claim: int = 25, codec: str = "libx264", container: str | None = None
-) -> Path:
-    """A video with a frame at each stamp, whose stream claims a rate."""
-    av = pytest.importorskip("av")
-    with av.open(str(path), "w", format=container) as file:
-        stream = file.add_stream(codec, rate=claim, options={"bf": "0"})
-        stream.height, stream.width = SIZE
-        stream.pix_fmt = "yuv420p"
-        stream.codec_context.time_base = Fraction(1, 1000)
-        for n, stamp in enumerate(stamps):
-            frame = av.VideoFrame.from_ndarray(picture(n), format="rgb24")
-            frame.pts, frame.time_base = round(1000 * stamp), Fraction(1, 1000)
-            file.mux(stream.encode(frame))
-        file.mux(stream.encode())
-    return path
+def encode(path: Path, stamps: list[float], claim: int = 25, container: str | None = None) -> Path:
+    return film(path, [picture(n) for n in range(len(stamps))], stamps, claim, container)
 
 
 def read(video: object) -> int:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from fractions import Fraction
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
@@ -14,26 +11,11 @@ import ndtorch
 from ndtorch.run.run import run_model
 from ndtorch.scenes.video import open_video
 from tests.foreground.passing_scenes import SIZE, ground
+from tests.scenes.clips import film
 
 # Half of a second at 50 frames a second, then 25, then 8.
 TIMES = [n / 50 for n in range(25)] + [0.5 + n / 25 for n in range(75)] + [3.5 + n / 8 for n in range(20)]
 FROM, TO = 1.0, 3.0
-
-
-def encode(path: Path, scene: Callable[[float], torch.Tensor], times: list[float], size: tuple[int, int]) -> None:
-    """A film of `scene`, which gives the picture of a time in seconds, with these time stamps."""
-    av = pytest.importorskip("av")
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=25, options={"bf": "0", "crf": "20"})
-        stream.height, stream.width = size
-        stream.pix_fmt = "yuv420p"
-        stream.time_base = stream.codec_context.time_base = Fraction(1, 1000)
-        for time in times:
-            pixels = (scene(time) * 255).to(torch.uint8).permute(1, 2, 0).numpy()
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
-            frame.pts, frame.time_base = round(1000 * time), Fraction(1, 1000)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
 
 
 def clip(path: Path, suffix: str) -> Path:
@@ -47,8 +29,8 @@ def clip(path: Path, suffix: str) -> Path:
             picture[:, 44:68, left : left + 24] = torch.tensor([0.8, 0.2, 0.2])[:, None, None]
         return picture
 
-    encode(path / f"clip.{suffix}", passing, TIMES, SIZE)
-    return path / f"clip.{suffix}"
+    pictures = [(passing(time) * 255).to(torch.uint8).permute(1, 2, 0).numpy() for time in TIMES]
+    return film(path / f"clip.{suffix}", pictures, TIMES)
 
 
 @pytest.mark.parametrize("suffix", ["mp4", pytest.param("mkv", marks=pytest.mark.long)])

@@ -13,8 +13,6 @@ from ndtorch.errors import InputError
 from ndtorch.scenes import VideoWriter, open_video
 from tests.scenes.clips import SIZE, fake_capture, pattern, write
 
-DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
-
 
 @pytest.fixture
 def clip(tmp_path: Path) -> Path:
@@ -93,15 +91,6 @@ def test_a_camera_is_read_as_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
     part = open_video(0, SIZE, start=2, stop=5)
     assert part.length == 3
     assert torch.cat(list(part.chunks(8)))[:, 0, 0, 0].tolist() == [17, 16, 15]
-
-
-@pytest.mark.skipif(not (DATA / "car-detection.mp4").exists(), reason="no ../shared/data/car-detection.mp4")
-def test_a_real_road_camera() -> None:
-    video = open_video(DATA / "car-detection.mp4", (108, 192))
-    assert (video.length, video.fps) == (377, 12.5)
-    assert sum(len(chunk) for chunk in video.chunks(16)) == 377
-    part = next(iter(open_video(DATA / "car-detection.mp4", start=170, stop=172).chunks()))
-    assert part.shape == (2, 3, 500, 500)
 
 
 @pytest.mark.parametrize(

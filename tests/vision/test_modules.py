@@ -6,7 +6,6 @@ import math
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
@@ -173,39 +172,6 @@ def test_filters_by_real_matrices_are_those_of_ffts() -> None:
         torch.testing.assert_close(real.sums(image), usual.sums(image), rtol=1e-4, atol=1e-3)
 
 
-class First(nn.Module):
-    """The output alone: what a program of one chunk gives."""
-
-    def __init__(self, module: nn.Module) -> None:
-        super().__init__()
-        self.module = module
-        if isinstance(module, OrientedDoG):
-            module.use_real_arithmetic()
-
-    def forward(self, x: Tensor) -> Tensor:
-        return output(self.module, x)
-
-
-def by_onnx(path: Path, *inputs: Tensor) -> list[Any]:
-    runtime = pytest.importorskip("onnxruntime")
-    session = runtime.InferenceSession(path, providers=["CPUExecutionProvider"])
-    names = [one.name for one in session.get_inputs()]
-    found: list[Any] = session.run(None, dict(zip(names, (x.numpy() for x in inputs), strict=True)))
-    return found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in MODULES if name not in ("VisualFeatures", "LocalFeatures")])
-def test_onnx_gives_the_same(name: str, tmp_path: Path) -> None:
-    pytest.importorskip("onnxscript")
-    make, x = MODULES[name]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        torch.onnx.export(First(make()), (x,), tmp_path / "module.onnx", dynamo=True, verbose=False)
-    (found,) = by_onnx(tmp_path / "module.onnx", x)
-    torch.testing.assert_close(torch.from_numpy(found), output(make(), x), atol=2e-5, rtol=1e-4)
-
-
 @pytest.mark.long
 def test_the_published_model_runs_as_onnx(tmp_path: Path) -> None:
     pytest.importorskip("onnxscript")
@@ -217,7 +183,11 @@ def test_the_published_model_runs_as_onnx(tmp_path: Path) -> None:
     with torch.no_grad():
         _, state = model(FILM)
         signals, _ = model(FILM.flip(0), state)
-    found = by_onnx(following, FILM.flip(0), *leaves(state).values())
+    runtime = pytest.importorskip("onnxruntime")
+    session = runtime.InferenceSession(following, providers=["CPUExecutionProvider"])
+    inputs = (FILM.flip(0), *leaves(state).values())
+    names = [one.name for one in session.get_inputs()]
+    found = session.run(None, dict(zip(names, (x.numpy() for x in inputs), strict=True)))
     for ours, theirs in zip(signals, found, strict=False):
         torch.testing.assert_close(torch.from_numpy(theirs), ours, atol=1e-4, rtol=1e-3)
 
