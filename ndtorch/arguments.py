@@ -18,9 +18,6 @@ from ndtorch.errors import InputError
 MOST_PIXELS = 2**24
 """Pixels of the largest frames that are computed with, 4096 x 4096: a plane of them takes 64 MiB."""
 
-MOST_ROWS = 100_000
-"""Time steps of the longest memory of single numbers or frames."""
-
 LARGEST = 1e12
 """Largest number that is computed with: the cube of more lies beyond single precision."""
 
@@ -95,8 +92,12 @@ def check_tensor(name: str, value: object, *, half: bool = True, finite: bool = 
     assert isinstance(value, Tensor)
     if not value.is_floating_point() or not (half or value.dtype in USUAL):
         raise InputError(f"{name} must be {'floating point' if half else 'float32 or float64'}, got {value.dtype}")
-    if finite:
-        check_finite(name, value)
+    # NaN, infinity and what is too large survive a sum. Many numbers may add up to more: the second look decides.
+    if finite and has_values(value) and not abs(value.detach().sum().item()) <= LARGEST:
+        if not bool(torch.isfinite(value).all()):
+            raise InputError(f"{name} must be finite, got NaN or infinite values")
+        if not bool((value.abs() <= LARGEST).all()):
+            raise InputError(f"{name} must be within {LARGEST:g} of 0, got {value.abs().max():g}")
 
 
 def check_dense(name: str, value: object, *, meta: bool = False) -> None:
@@ -109,16 +110,6 @@ def check_dense(name: str, value: object, *, meta: bool = False) -> None:
         raise InputError(f"{name} must be dense, got {value.layout}")
     if value.is_meta and not meta and not torch.compiler.is_compiling():
         raise InputError(f"{name} must hold numbers, got a meta tensor")
-
-
-def check_finite(name: str, value: Tensor) -> None:
-    """Raise `InputError` where floating point numbers are NaN, infinite or beyond `LARGEST`."""
-    # NaN, infinity and what is too large survive a sum. Many numbers may add up to more: the second look decides.
-    if has_values(value) and not abs(value.detach().sum().item()) <= LARGEST:
-        if not bool(torch.isfinite(value).all()):
-            raise InputError(f"{name} must be finite, got NaN or infinite values")
-        if not bool((value.abs() <= LARGEST).all()):
-            raise InputError(f"{name} must be within {LARGEST:g} of 0, got {value.abs().max():g}")
 
 
 def check_state(state: Any, kind: type, name: str = "state") -> None:
@@ -177,14 +168,6 @@ def check_size(name: str, value: object, least: int) -> None:
         raise InputError(f"{name} must be a height and a width of at least {least} pixels, got {repr(value)[:40]}")
     if math.prod(map(int, sides)) > MOST_PIXELS:
         raise InputError(f"{name} must be {MOST_PIXELS} pixels in all at most, got {repr(value)[:40]}")
-
-
-def rows_in(name: str, seconds: float, dt: float, least: int = 1) -> int:
-    """How many time steps a memory of so many seconds holds. Raises `InputError`: more than `MOST_ROWS`."""
-    rows = seconds / dt
-    if not rows <= MOST_ROWS:
-        raise InputError(f"{name} must be {MOST_ROWS} time steps of {dt:g} s at most, got {seconds:g} s")
-    return max(least, round(rows))
 
 
 def check_numbers(

@@ -88,7 +88,7 @@ class BindingInputs(nn.Module):
         raw_max, raw_history = self.recent_max.scan(group_max(sums), raw_history)
         scale = spread_groups(raw_max)
         if self.order == "printed":
-            inputs, low = self.high_pass.scan(over_groups(sums, raw_max), low)
+            inputs, low = self.high_pass.scan(divide(sums, scale), low)
             _, filtered_history = self.recent_max.scan(group_max((inputs * scale).abs()), filtered_history)
             return (inputs, scale), InputState(low.low, raw_history.history, filtered_history.history)
         filtered, low = self.high_pass.scan(sums, low)
@@ -108,11 +108,6 @@ def spread_groups(values: Tensor) -> Tensor:
     """One value a group to one value a feature, `[..., 3]` -> `[..., 10]`."""
     motion, orientation, color = values.unsqueeze(-1).expand(*values.shape, max(SIZES)).unbind(-2)
     return torch.cat((motion[..., : SIZES[0]], orientation[..., : SIZES[1]], color[..., : SIZES[2]]), -1)
-
-
-def over_groups(signals: Tensor, levels: Tensor) -> Tensor:
-    """The group normalisation: signals `[..., 10]` over the levels of their groups `[..., 3]`."""
-    return divide(signals, spread_groups(levels))
 
 
 def divide(signals: Tensor, divisor: Tensor) -> Tensor:

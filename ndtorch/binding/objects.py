@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.arguments import check_tensor
-from ndtorch.binding.normalise import group_max, over_groups
+from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, GROUPS
 
@@ -35,7 +35,7 @@ class ObjectTable(NamedTuple):
 def features_by_group(values: Tensor, smallest: float = 1 / 3) -> Tensor:
     """Each group of features over its own largest, negative and small ones removed, `[..., 10]`."""
     positive = values.clamp_min(0)
-    shares = over_groups(positive, group_max(positive))
+    shares = divide(positive, spread_groups(group_max(positive)))
     return torch.where(shares >= smallest, shares, 0.0)
 
 

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_number, check_numbers, is_number
+from ndtorch.arguments import check_number, is_number
 from ndtorch.binding.spectrum import limit_spectral_radius
 from ndtorch.errors import InputError, did_you_mean
 
@@ -51,6 +51,10 @@ def activation(role: str, name: str) -> Activation:
     return ACTIVATIONS[name]
 
 
+BOOST, TAU_BOOST, TAU_ONSET = 15.0, 4.0, 0.2
+"""The scale-free rule: factor by which it learns faster at first, time constant of that and of its soft start, s."""
+EXPONENT, SMALLEST, BOUNDS = 4.0, 0.02, (-0.4, 1.2)
+"""Exponent p of its gate, smallest deviation s as a ratio of the largest, and bounds of its weights."""
 LARGEST = 10.0
 """Largest single weight where the spectral radius is limited, ten times what is learned from any scene of the papers.
 
@@ -170,13 +174,7 @@ class ScaleFreeRule:
 
     Attributes:
         gamma: learning rate in the long run, 1/s.
-        boost: how many times faster learning is at first, less one.
-        tau_boost: time constant with which that subsides, seconds.
-        tau_onset: soft start, seconds.
-        exponent: p of the gate.
         leak: how fast weights from the weaker to the stronger are forgotten, against `gamma`.
-        floor: smallest s, as a share of the largest.
-        lowest, highest: bounds of the weights.
         radius_limit: of the Perron root of the weights' magnitudes.
 
     Raises:
@@ -184,24 +182,16 @@ class ScaleFreeRule:
     """
 
     gamma: float = 0.2
-    boost: float = 15.0
-    tau_boost: float = 4.0
-    tau_onset: float = 0.2
-    exponent: float = 4.0
     leak: float = 2.0
-    floor: float = 0.02
-    lowest: float = -0.4
-    highest: float = 1.2
     radius_limit: float = 0.95
 
     name = "scale-free"
     uses_power = True
 
     def __post_init__(self) -> None:
-        check_numbers(self, positive=("tau_boost", "exponent", "floor"), signed=("lowest", "tau_onset", "radius_limit"))
-        check_constants(self.tau_onset, self.radius_limit)
-        if self.lowest > 0:
-            raise InputError(f"lowest must be <= 0, got {self.lowest}")
+        check_number("gamma", self.gamma, least=0)
+        check_number("leak", self.leak, least=0)
+        check_constants(TAU_ONSET, self.radius_limit)
 
     @property
     def learns(self) -> bool:
@@ -209,14 +199,13 @@ class ScaleFreeRule:
 
     def rate(self, seconds: Tensor) -> Tensor:
         """`gamma(t) mu(t)`, 1/s."""
-        boost = 1 + self.boost * torch.exp(-seconds / self.tau_boost)
-        return self.gamma * boost * learning_onset(seconds, self.tau_onset)
+        return self.gamma * (1 + BOOST * torch.exp(-seconds / TAU_BOOST)) * learning_onset(seconds, TAU_ONSET)
 
     def change(self, high: Tensor, power: Tensor, weights: Tensor, steps: int = 1) -> Tensor:
         """The bracket of the rule, `[..., N, N]`."""
         largest = power.amax(-1, keepdim=True).clamp_min(torch.finfo(power.dtype).tiny)
-        relative = (power / largest).clamp_min(self.floor**2)
-        strength = relative ** (self.exponent / 2)
+        relative = (power / largest).clamp_min(SMALLEST**2)
+        strength = relative ** (EXPONENT / 2)
         sender, receiver = strength.unsqueeze(-2), strength.unsqueeze(-1)
         gate = sender / (sender + receiver)
         correlation = high.mT @ high / (steps * relative * largest).unsqueeze(-2)
@@ -224,7 +213,7 @@ class ScaleFreeRule:
 
     def bounded(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
         """Weights within their bounds, and the Perron root of their magnitudes within its limit."""
-        clipped = weights.clamp(self.lowest, self.highest)
+        clipped = weights.clamp(*BOUNDS)
         limited, full = within_radius(clipped.abs(), self.radius_limit)
         return clipped if full is None else torch.copysign(limited, clipped), full
 

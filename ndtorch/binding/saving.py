@@ -48,16 +48,14 @@ def load_state(path: str | Path, model: BindingModel) -> tuple[Any, dict[str, st
     tensors, about = read_tensors(path, "a saved state")
     example = example_state(model)
     try:
-        if tensors and all(name.split(".")[0].isdigit() for name in tensors):
-            # One state a film, as a batch of films has it.
-            count = 1 + max(int(name.split(".")[0]) for name in tensors)
-            state: Any = tuple(rebuilt(example, tensors, f"{n}.") for n in range(count))
+        films = {name.split(".")[0] for name in tensors}
+        if films and all(map(str.isdigit, films)):  # one state a film, as a batch of films has it
+            state: Any = tuple(rebuilt(example, tensors, f"{n}.") for n in range(len(films)))
         else:
             state = rebuilt(example, tensors, "")
         extra = sorted(set(tensors) - set(leaves(state)))
         if extra:
             raise InputError(f"{extra[0]} does not belong to it")
-        check_batch(leaves(state), leaves(example))
     except InputError as error:
         raise InputError(f"{path} is not a saved state of this model ({model.name}): {error}") from None
     return state, about
@@ -79,7 +77,9 @@ def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:
             if whole not in tensors:
                 raise InputError(f"{whole} missing")
             values.append(checked(whole, tensors[whole], part, ragged))
-        elif part is None or (optional(example, name) and not any(n.startswith(f"{whole}.") for n in tensors)):
+        elif part is None or (
+            "None" in str(type(example).__annotations__[name]) and not any(n.startswith(f"{whole}.") for n in tensors)
+        ):
             values.append(None)
         else:
             values.append(rebuilt(part, tensors, f"{whole}."))
@@ -92,11 +92,6 @@ def frames_taken(state: Any) -> int | None:
     return next((int(counts[name]) for name in COUNTERS if name in counts), None)
 
 
-def optional(example: Any, name: str) -> bool:
-    """Whether a part of a NamedTuple may be None."""
-    return "None" in str(type(example).__annotations__[name])
-
-
 def checked(name: str, given: Tensor, example: Tensor, ragged: bool) -> Tensor:
     """A tensor if it is finite and has the type and, after those of a batch, the dimensions of the example."""
     if given.dtype != example.dtype and not (given.is_floating_point() and example.is_floating_point()):
@@ -107,15 +102,6 @@ def checked(name: str, given: Tensor, example: Tensor, ragged: bool) -> Tensor:
     if given.is_floating_point() and not torch.isfinite(given).all():
         raise InputError(f"{name} must be finite, got NaN or infinite values")
     return given
-
-
-def check_batch(state: Mapping[str, Tensor], example: Mapping[str, Tensor]) -> None:
-    """Raise `InputError` unless all parts belong to the same batch."""
-    batches = {
-        tuple(part.shape[: part.ndim - example[name].ndim]) for name, part in state.items() if name in example
-    } - {()}
-    if len(batches) > 1:
-        raise InputError(f"its parts are of different batches: {' and '.join(map(str, sorted(batches)))}")
 
 
 def to_device(state: State, device: torch.device | str) -> State:

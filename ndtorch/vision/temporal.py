@@ -16,9 +16,11 @@ from ndtorch.arguments import (
     check_tensor,
     is_finite,
     is_number,
-    rows_in,
 )
 from ndtorch.errors import InputError
+
+MOST_ROWS = 100_000
+"""Time steps of the longest memory of single numbers."""
 
 
 def safe_sqrt(x: Tensor) -> Tensor:
@@ -188,7 +190,9 @@ class RunningMax(nn.Module):
         if not (is_finite(dt) and dt > 0 and is_finite(seconds) and seconds >= 0):
             raise InputError(f"seconds must be >= 0 and dt > 0, got seconds={seconds}, dt={dt}")
         self.seconds, self.dt = seconds, dt
-        self.window = rows_in("seconds", seconds, dt)
+        if seconds / dt > MOST_ROWS:
+            raise InputError(f"seconds must be {MOST_ROWS} time steps of {dt:g} s at most, got {seconds:g} s")
+        self.window = max(1, round(seconds / dt))
 
     def forward(self, x: Tensor, state: RecentMaxState | None = None) -> tuple[Tensor, RecentMaxState]:
         check_series(x, 1, state, RecentMaxState)

@@ -13,9 +13,9 @@ from torch import Tensor
 from ndtorch.arguments import check_dense, check_state
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState
-from ndtorch.binding.normalise import group_max, over_groups
+from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import BoundObject, features_by_group
-from ndtorch.binding.rules import ScaleFreeRule
+from ndtorch.binding.rules import TAU_BOOST, ScaleFreeRule
 from ndtorch.config import ModelConfig, Size, constant
 from ndtorch.errors import InputError
 from ndtorch.foreground._kernels import NETWORK
@@ -175,7 +175,7 @@ class ForegroundModel(BindingModel):
         shrink = max(math.ceil(c.size[0] / most), 2 if c.size[0] >= 0.75 * most else 1)
         self.small = (max(16, c.size[0] // shrink // 4 * 4), max(16, c.size[1] // shrink // 4 * 4))
         self.features = MaskedFeatures(self.small, self.dt)
-        rule = self.rule = ScaleFreeRule(gamma=0.2 if c.learn else 0.0)
+        rule = ScaleFreeRule(gamma=0.2 if c.learn else 0.0)
         self.network = InhibitoryNetwork.scale_free(
             10, self.dt, rule, shared=True, settle=self.settle, every=NETWORK_S, faint=MIN_FLUCTUATION
         )
@@ -231,7 +231,7 @@ class ForegroundModel(BindingModel):
             for largest in group_max(signals).amax(1):
                 level = torch.maximum(keep * level, largest)
                 levels.append(level)
-            inputs = over_groups(signals, torch.stack(levels).clamp_min(FLOOR).unsqueeze(1))
+            inputs = divide(signals, spread_groups(torch.stack(levels).clamp_min(FLOOR).unsqueeze(1)))
             outputs, network = self.network(inputs, network)
             self._bind([scene.tracks, *closed], steps, inputs, outputs)
         if scene is not None and len(scene.tracks.path) > MAX_PATH:
@@ -323,7 +323,7 @@ class ForegroundModel(BindingModel):
         word: Verdict = "stable"
         if state.network is None or state.scene is None or int(state.scene.count) == 0:
             word = "static"
-        elif self.config.learn and float(state.network.clock) * self.dt < self.rule.tau_boost:
+        elif self.config.learn and float(state.network.clock) * self.dt < TAU_BOOST:
             word = "learning"
         return word
 
