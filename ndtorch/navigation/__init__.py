@@ -23,12 +23,11 @@ if TYPE_CHECKING:
     )
     from ndtorch.navigation.controllers.goal import GoalParams
     from ndtorch.navigation.controllers.published import AvoidanceParams
-    from ndtorch.navigation.controllers.ranging.params import RangingParams
-    from ndtorch.navigation.localisation.localiser import Localiser, LocaliserParams
-    from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
-    from ndtorch.navigation.mapping.grid_map import Grid, GridMap, LogOdds
+    from ndtorch.navigation.controllers.ranging.control import RangingParams
+    from ndtorch.navigation.localisation.localiser import Localiser
+    from ndtorch.navigation.mapping.grid_map import Grid, GridMap
     from ndtorch.navigation.mapping.map_files import load_map, save_map
-    from ndtorch.navigation.mapping.observations import ObservationList
+    from ndtorch.navigation.mapping.observations import AlphaBetaTracker, ObservationList
     from ndtorch.navigation.model import Navigator, NavigatorState
     from ndtorch.navigation.odometry import DeadReckoning, Pose
     from ndtorch.navigation.options import NavigatorOptions
@@ -56,8 +55,6 @@ __all__ = [
     "Grid",
     "GridMap",
     "Localiser",
-    "LocaliserParams",
-    "LogOdds",
     "MatchParams",
     "Navigator",
     "NavigatorOptions",

@@ -8,8 +8,7 @@ from typing import Any
 
 from ndtorch.arguments import check_numbers
 
-SPOT_RADIUS = 0.05
-"""Radius of a turn on the spot, in units of the body: commands are speed and curvature."""
+SPOT_RADIUS = 0.05  # radius of a turn on the spot, in units of the body: commands are speed and curvature
 
 CRUISE_SPEED, STOPPING_M = 0.5, 0.1
 """The car of [A] drives at the first, m/s, and stops within the second, m: its reaction and its braking."""
@@ -50,7 +49,6 @@ class Body:
 
     @property
     def spins(self) -> bool:
-        """Whether it turns on the spot."""
         return self.min_turn_radius_m == 0
 
     @property

@@ -66,51 +66,33 @@ class LocalGridParams:
 
 
 class LocalGrid(NamedTuple):
-    """Evidence about the surroundings of one car.
+    """Evidence about the surroundings of one car."""
 
-    Attributes:
-        evidence: `[size, size]`, positive where something is, negative where floor was seen. A place is in the cell of
-            its world coordinates (in cells, rounded down) modulo `size`.
-        tag: `[2, size]`, which of the places that share a row or column it stands for.
-        raised: evidence of what is above floor that is seen, of the same places; `[0, 0]` where it is not kept apart.
-    """
-
+    # `[size, size]`, positive where something is, negative where floor was seen. A place is in the cell of
+    # its world coordinates (in cells, rounded down) modulo `size`
     evidence: Array
-    tag: Array
+    tag: Array  # `[2, size]`, which of the places that share a row or column it stands for
+    # evidence of what is above floor that is seen, of the same places; `[0, 0]` where it is not kept apart
     raised: Array
 
 
 class DrivenPath(NamedTuple):
-    """Poses that one car has driven through forward, by dead reckoning.
+    """Poses that one car has driven through forward, by dead reckoning."""
 
-    Attributes:
-        poses: x, y in m and heading in radians, the newest first, `[POSES, 3]`.
-        size: how many of them are valid.
-    """
-
-    poses: Array
-    size: int
+    poses: Array  # x, y in m and heading in radians, the newest first, `[POSES, 3]`
+    size: int  # how many of them are valid
 
 
 class Primitives(NamedTuple):
-    """Places that the outline of the car passes along arcs, body frame.
+    """Places that the outline of the car passes along arcs, body frame."""
 
-    Attributes:
-        curvature: of the arcs, 1/m, `[A]`.
-        forward: +1 or -1, `[A]`.
-        x, y: m, `[A * steps * P]`: P places of the outline at each step of an arc.
-        leading: how many of the P are on the bumper that leads; they come first.
-        steps: of each arc.
-        step: distance between two, m.
-    """
-
-    curvature: Array
-    forward: Array
-    x: Array
+    curvature: Array  # of the arcs, 1/m, `[A]`
+    forward: Array  # +1 or -1, `[A]`
+    x: Array  # x, y: m, `[A * steps * P]`: P places of the outline at each step of an arc
     y: Array
-    leading: int
-    steps: int
-    step: float
+    leading: int  # how many of the P are on the bumper that leads; they come first
+    steps: int  # of each arc
+    step: float  # distance between two, m
 
 
 def empty_grid(x: float, y: float, params: LocalGridParams, raised: bool = False) -> LocalGrid:
@@ -211,7 +193,6 @@ def move_grid(grid: LocalGrid, pose: Place, cell: float, keep: float) -> LocalGr
 
 @jit
 def bound(evidence: Array, least: float, most: float) -> None:
-    """Limit evidence in place."""
     evidence[:] = np.minimum(np.maximum(evidence, np.float32(least)), np.float32(most))
 
 

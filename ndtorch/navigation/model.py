@@ -21,20 +21,18 @@ from ndtorch.navigation.controllers.contract import (
     make_controller,
 )
 from ndtorch.navigation.localisation.localiser import Localiser, LocaliserState
-from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker, Tracks
-from ndtorch.navigation.mapping.grid_map import GridMap, GridMapState, in_tensors
-from ndtorch.navigation.mapping.observations import ObservationList, Observations
+from ndtorch.navigation.mapping.grid_map import GridMap, GridMapState
+from ndtorch.navigation.mapping.observations import AlphaBetaTracker, ObservationList, Observations, Tracks
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.proximity import Obstacles, ProximityCheck
-from ndtorch.navigation.stereo._kernels import Frames
+from ndtorch.navigation.stereo._kernels import Frames, grey_fields
 from ndtorch.navigation.stereo.features import FeatureParams, MatchParams
 from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
 from ndtorch.navigation.stereo.rig import AngleModel, StereoRig
 from ndtorch.navigation.stereo.search import SearchParams
-from ndtorch.navigation.stereo.strips import Strips, as_frames, grey_pair, read_grey, row_rect
+from ndtorch.navigation.stereo.strips import Strips, as_frames, at_rects, row_rect
 
-STATIONARY = 0.05
-"""A slower car is stationary, m/s."""
+STATIONARY = 0.05  # a slower car is stationary, m/s
 
 
 class NavigatorState(NamedTuple):
@@ -67,7 +65,7 @@ class NavigatorState(NamedTuple):
     @property
     def place(self) -> Pose:
         """Where the car was at the last frame as far as is known, `[...]`: corrected where there is a localiser."""
-        return self.pose if self.located is None else pose_like(self.pose, self.located.pose)
+        return self.pose if self.located is None else Pose(*self.located.pose.tolist())
 
 
 class Navigator(nn.Module):
@@ -103,7 +101,7 @@ class Navigator(nn.Module):
         near_check: with compiled steps, a car that stands, at the start or boxed in, checks what is right ahead with
             both cameras after its command. False is for images in which there is no floor.
         localiser: corrects the poses at which these parts are filled, and gives the controller the car's pose in the
-            map, so that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
+            map, so that it finds its goals; it steers by dead reckoning, which never jumps. Compiled steps only.
         body: the robot's, which all lengths and speeds of a controller that is named follow, and the disparities that
             are ranged; the car of [A] by default.
 
@@ -145,6 +143,8 @@ class Navigator(nn.Module):
             raise InputError("body and params belong to a controller that is named; this one was made already")
         elif backend not in ("auto", controller.backend):
             raise InputError(f"this controller has the backend {controller.backend!r}, got backend={backend!r}")
+        if localiser is not None and controller.backend == "torch":
+            raise InputError("a localiser goes with compiled steps, backend='numba'")
         self.controller: Controller = controller
         self.backend = controller.backend
         body, self.size = Body() if body is None else body, (rig.height, rig.width)
@@ -228,7 +228,7 @@ class Navigator(nn.Module):
         if self.localiser is not None and controller.has_goals:
             # It steers by the localiser's odometry, which sees where wheels slip, and never jumps.
             located = self.locate(rows, pose, located)
-            place, corrected = pose_like(pose, located.odometry), pose_like(pose, located.pose)
+            place, corrected = Pose(*located.odometry.tolist()), Pose(*located.pose.tolist())
             control = controller.on_pose(control, pose_in(place, self.unit_m), pose_in(corrected, self.unit_m))
         # The command
         unit, ranged, moved = self.unit_m, ranges, last
@@ -275,7 +275,6 @@ class Navigator(nn.Module):
         return *pairs, seen, sides, Ranges(*(part[..., 0, :] for part in ranges)), fields, filters
 
     def begin(self, seen: Any, ranges: Ranges, start: Pose | None) -> NavigatorState:
-        """The state before the first frame: the car stands."""
         still = torch.zeros_like(ranges.x[..., 0]) if self.backend == "torch" else 0.0
         pose = Pose(still, still, still) if start is None else start
         control = self.controller.start(seen, pose_in(pose, self.unit_m))
@@ -298,27 +297,23 @@ class Navigator(nn.Module):
             control = self.controller.on_near_obstacles(control, pose, scan)
         return self.controller.look_again(control, pose, lambda: near.obstacles(rows))
 
-    def locate(self, rows: Any, pose: Pose, located: LocaliserState | None) -> LocaliserState:
-        """The localiser's state with the corrected pose of a frame."""
+    def locate(self, rows: Frames, pose: Pose, located: LocaliserState | None) -> LocaliserState:
         assert self.localiser is not None
-        grey = None
-        if self.localiser.due(located):
-            if isinstance(rows, Frames):
-                grey = torch.from_numpy(read_grey(rows, (self.row, self.row), self.size)[:, 0])
-            else:
-                grey = grey_pair(rows[0], rows[1], self.row, self.row, self.size).squeeze(-2)[0]
-        return self.localiser(grey, pose, located)
+        grey = np.empty((2, 1, self.size[1]), np.float32)
+        due = self.localiser.due(located)
+        if due:
+            grey_fields(at_rects(rows, (self.row, self.row), self.size), 1, grey)
+        return self.localiser(grey[:, 0] if due else None, pose, located)
 
     def fill_map(self, state: NavigatorState) -> NavigatorState:
         """Fill the map, the observation list and the tracks, as far as there are any."""
         ranges, poses = state.ranges, state.place
         grid, seen, tracks = state.map, state.observations, state.tracks
-        if self.backend == "torch":
-            ranges, poses = Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(x.unsqueeze(-1) for x in poses))
+        if self.backend == "numba":
+            ranges, poses = Ranges(*map(torch.from_numpy, ranges)), Pose(*torch.tensor(poses).unbind())
+        ranges, poses = Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(x.unsqueeze(-1) for x in poses))
         if self.grid_map is not None:
             grid = self.grid_map.update(ranges, poses, grid)
-        if self.backend == "numba" and (self.observations or self.tracker):
-            ranges, poses = in_tensors(ranges, poses)
         if self.observations is not None:
             _, seen = self.observations(ranges, poses, seen)
         if self.tracker is not None:
@@ -333,7 +328,6 @@ class Navigator(nn.Module):
         start: Pose | None,
         shape: tuple[int, ...],
     ) -> tuple[Command, Callable[[], NavigatorState]]:
-        """The compiled steps of a batch."""
         batch, dims = shape[:-1], len(shape) - 1
         made = [
             self.command_first(*(one_car(part, n, dims) for part in (*eyes, state, driven, start)))
@@ -397,18 +391,11 @@ def frames_shape(left: Strips, right: Strips) -> tuple[int, ...]:
 
 
 def pose_in(pose: Pose, unit: float) -> Pose:
-    """A pose in units of so many metres."""
     return Pose(pose.x / unit, pose.y / unit, pose.heading)
 
 
 def ranges_in(ranges: Ranges, unit: float) -> Ranges:
-    """Ranges in units of so many metres."""
     return ranges._replace(left_range=ranges.left_range / unit, x=ranges.x / unit, y=ranges.y / unit)
-
-
-def pose_like(pose: Pose, values: Any) -> Pose:
-    """An array `[3]` as a pose of tensors or of numbers, as another one is."""
-    return Pose(*(pose.x.new_tensor(values).unbind() if isinstance(pose.x, Tensor) else values.tolist()))
 
 
 def one_car(tree: Any, n: int, dims: int) -> Any:
@@ -433,5 +420,4 @@ def all_cars(trees: list[Any], batch: tuple[int, ...]) -> Any:
 
 
 def made_like(tree: Any, parts: list[Any]) -> Any:
-    """A tuple or NamedTuple like another one, of other parts."""
     return type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)

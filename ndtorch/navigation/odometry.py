@@ -78,7 +78,6 @@ class DeadReckoning(nn.Module):
         return Pose(x, y, heading), pose
 
     def step(self, pose: Pose, speed: Any, curvature: Any) -> Pose:
-        """One time step: tensors for a pose of tensors, numbers for one of numbers."""
         return arc(pose, speed, curvature, self.dt)
 
 

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from ndtorch.navigation.odometry import Pose
     from ndtorch.navigation.stereo.rig import Rect, StereoRig
 
-EDGE_REACH = 4
-"""Pixels within which a feature's edge is looked for."""
+EDGE_REACH = 4  # pixels within which a feature's edge is looked for
 
 
 @dataclass(frozen=True)
@@ -141,11 +140,11 @@ class NavigatorOptions:
         """
         if not (self.localise or self.known_map):
             return None
-        from ndtorch.navigation.localisation.localiser import Localiser, LocaliserParams
+        from ndtorch.navigation.localisation.localiser import CELL_M, MAP_CELLS, Localiser
         from ndtorch.navigation.localisation.ndt import from_sparse
         from ndtorch.navigation.mapping.map_files import load_map
 
-        goal, reach = place_of(self.goal), LocaliserParams().map_radius_m
+        goal, reach = place_of(self.goal), MAP_CELLS // 2 * CELL_M
         if goal is not None and max(map(abs, goal)) >= reach:
             raise InputError(f"the map of localise reaches {reach:g} m from 0,0: goal {self.goal} is beyond")
         if not self.known_map:
@@ -153,12 +152,11 @@ class NavigatorOptions:
         cells = load_map(Path(self.known_map)).ndt_cells
         if cells is None or not len(cells):
             raise InputError(f"known_map {self.known_map} has no NDT cells: make it with localise")
-        return Localiser(rig, 1 / rate, known=from_sparse(cells, LocaliserParams().map_cells))
+        return Localiser(rig, 1 / rate, known=from_sparse(cells, MAP_CELLS))
 
 
 KINDS = get_type_hints(NavigatorOptions)
-OPTION_NAMES = tuple(KINDS)
-"""The names of all options, in order."""
+OPTION_NAMES = tuple(KINDS)  # the names of all options, in order
 
 
 def place_of(text: str) -> tuple[float, float] | None:

@@ -52,11 +52,8 @@ MIN_COLUMNS, MIN_SIGMA, MIN_PIXELS = 5, 0.002, 150
 """Rows with fewer columns in both images are left out; the correlation is 0 below this standard deviation of the
 brightness, and with fewer pixels at a focal length of 430; shorter ones need less, in proportion to the area."""
 
-MANY_PLACES = 12
-"""So many places or more are kept even where the floor seems to be unbroken."""
-
-BEHIND = 1.1
-"""Floor is compared from this many times the depth of an obstacle on, and from this depth on, m."""
+MANY_PLACES = 12  # so many places or more are kept even where the floor seems to be unbroken
+BEHIND = 1.1  # floor is compared from this many times the depth of an obstacle on, and from this depth on, m
 
 MIN_DEPTH_M, MAX_DEPTH_M, HALF_WIDTH_M = 0.25, 0.95, 0.3
 """Obstacles nearer to the cameras than the first, for the car of [A], are not searched for, those farther than the
@@ -74,19 +71,12 @@ class Obstacles(NamedTuple):
 
 
 class ProximityScan(NamedTuple):
-    """What a proximity check finds, in the body frame.
+    """What a proximity check finds, in the body frame."""
 
-    Attributes:
-        obstacles: that are near.
-        floor_seen: whether floor is seen right ahead.
-        across: a line across the path: an obstacle is assumed there where no floor is seen.
-        mismatches: places of ranges behind which floor is seen.
-    """
-
-    obstacles: Obstacles
-    floor_seen: bool
-    across: Obstacles
-    mismatches: Obstacles
+    obstacles: Obstacles  # that are near
+    floor_seen: bool  # whether floor is seen right ahead
+    across: Obstacles  # a line across the path: an obstacle is assumed there where no floor is seen
+    mismatches: Obstacles  # places of ranges behind which floor is seen
 
 
 NOWHERE = Obstacles(np.zeros(0, np.float32), np.zeros(0, np.float32))
@@ -140,8 +130,10 @@ class ProximityCheck:
             frames, rows: of both cameras, whole or cut to subfields and rows.
             ranges: what was ranged, body frame.
         """
-        images, frames = np.empty(self.shape, np.float32), at_rects(frames, self.rects, self.size)
-        floor_seen = floor_correlation(frames, images, self.corners, self.spans, self.least) >= MIN_CORRELATION
+        images = np.empty(self.shape, np.float32)
+        grey_fields(at_rects(frames, self.rects, self.size), 1, images)
+        floor = correlation(*images, self.corners, self.spans, self.least, MIN_CORRELATION)
+        floor_seen = floor >= MIN_CORRELATION
         obstacles, mismatches = self.on_floor(self.obstacles(rows), images), NOWHERE
         near = (ranges.x - self.rig.forward < MAX_DEPTH_M) & (np.abs(ranges.y) <= HALF_WIDTH_M)
         if floor_seen and near.sum() == 1 and not len(obstacles.x):
@@ -187,15 +179,6 @@ def near_places(frames: Frames, fold: int, width: int, numbers: Array) -> Array:
     found = np.empty((3, MATCHING_COUNT), np.float32)
     find_places(shrunk, numbers, found)
     return found[:2, found[0] > 0]
-
-
-@jit
-def floor_correlation(
-    frames: Frames, images: Array, corners: tuple[int, int, int, int], spans: Array, least: int
-) -> float:
-    """Correlation of the floor straight ahead in both subfields, whose grey becomes `images` `[2, h, w]`."""
-    grey_fields(frames, 1, images)
-    return correlation(images[0], images[1], corners, spans, least, MIN_CORRELATION)
 
 
 @jit

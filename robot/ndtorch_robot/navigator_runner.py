@@ -18,7 +18,6 @@ from ndtorch.navigation.controllers.ranging._kernels import BLOCKED
 from ndtorch.navigation.local_grid import LocalGrid
 from ndtorch.navigation.localisation.ndt import to_sparse
 from ndtorch.navigation.mapping.map_files import save_map
-from ndtorch.navigation.model import pose_like
 from ndtorch.navigation.options import NavigatorOptions, options_of
 from ndtorch_robot.ports import DriveCommand, Placed, Step, StereoFrames
 
@@ -204,7 +203,7 @@ def seen_obstacles(state: NavigatorState, navigator: Navigator) -> Ranges:
         dx, dy = ((n + len(evidence) * grid.tag[axis, n] + 0.5) * side for axis, n in enumerate(cells))
         pose = state.pose
         if state.located is not None and navigator.controller.has_goals:
-            pose = pose_like(pose, state.located.odometry)
+            pose = Pose(*state.located.odometry.tolist())
         dx, dy, heading = dx - float(pose.x), dy - float(pose.y), float(pose.heading)
         cos, sin = math.cos(heading), math.sin(heading)
         x, y = np.concatenate((x, cos * dx + sin * dy)), np.concatenate((y, cos * dy - sin * dx))

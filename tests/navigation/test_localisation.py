@@ -10,7 +10,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import NavigatorOptions, Pose, StereoRig, save_map
-from ndtorch.navigation.localisation.localiser import Localiser, LocaliserParams
+from ndtorch.navigation.localisation.localiser import CELL_M, MAP_CELLS, Localiser
 from ndtorch.navigation.localisation.ndt import Scan, add_scan, empty_map, from_sparse, match_scan, to_sparse
 from ndtorch.navigation.localisation.odometry import (
     Motion,
@@ -28,8 +28,6 @@ from tests.navigation.planar_world import PlanarWorld
 
 DT = 0.2
 RIG = StereoRig()
-PARAMS = LocaliserParams(scan_interval_s=DT)
-CELL = PARAMS.cell_m
 CORNERS = np.array([(-3, -2.4), (2.6, -2.4), (2.6, 1.2), (1.4, 2.2), (-3, 2.2)], float)
 """A room with one oblique wall."""
 
@@ -51,7 +49,7 @@ def drive():
         driven.append((0.5, 0.9))
         poses.append(arc(Pose(*poses[-1]), *driven[-1], DT))
     left, right, _ = room().drive(poses)
-    return np.array(poses), driven, torch.from_numpy(np.stack((left, right), 1)).float()
+    return np.array(poses), driven, np.stack((left, right), 1).astype(np.float32)
 
 
 def reckon(start, driven, scale, drift):
@@ -76,7 +74,7 @@ def test_it_stays_on_the_path_when_dead_reckoning_drifts_away(drive):
     reckoned = reckon(poses[0], driven, 0.04, math.radians(0.5))
     away = np.hypot(*(reckoned - poses)[:, :2].T)
     assert away[-1] > 0.25
-    located, state = run(Localiser(RIG, DT, PARAMS), rows, reckoned)
+    located, state = run(Localiser(RIG, DT), rows, reckoned)
     error = located - poses
     assert np.median(np.hypot(*error[:, :2].T)) < 0.05
     assert np.hypot(*error[-1, :2]) < 0.25 * away[-1]
@@ -89,7 +87,7 @@ def test_it_stays_on_the_path_when_dead_reckoning_drifts_away(drive):
     # The means of the cells lie on walls.
     cells = to_sparse(state.ndt_map)
     cells = cells[cells[:, 2] > 1.5]
-    mean = (cells[:, :2] + 0.5) * CELL + cells[:, 3:5] / cells[:, 2:3]
+    mean = (cells[:, :2] + 0.5) * CELL_M + cells[:, 3:5] / cells[:, 2:3]
     begin, along = CORNERS, np.roll(CORNERS, -1, 0) - CORNERS
     unit = along / np.hypot(*along.T)[:, None]
     offset = mean[:, None] - begin
@@ -100,9 +98,9 @@ def test_it_stays_on_the_path_when_dead_reckoning_drifts_away(drive):
 
 def test_a_drive_in_a_known_map_starts_a_little_beside_the_given_pose(drive):
     poses, driven, rows = drive
-    _, state = run(Localiser(RIG, DT, PARAMS), rows[:75], poses[:75])
+    _, state = run(Localiser(RIG, DT), rows[:75], poses[:75])
     reckoned = reckon(poses[75] + (0.08, -0.06, 0.04), driven[75:], 0.02, 0.0)
-    located, _ = run(Localiser(RIG, DT, PARAMS, state.ndt_map), rows[75:], reckoned)
+    located, _ = run(Localiser(RIG, DT, state.ndt_map), rows[75:], reckoned)
     error = np.hypot(*(located - poses[75:])[:, :2].T)
     assert np.median(error[10:]) < 0.04
     assert np.median(np.hypot(*(reckoned - poses[75:])[:, :2].T)) > 0.08
@@ -110,9 +108,9 @@ def test_a_drive_in_a_known_map_starts_a_little_beside_the_given_pose(drive):
 
 def test_a_standing_car_learns_nothing_from_what_it_ranges_again(drive):
     poses, _, rows = drive
-    localiser = Localiser(RIG, DT, PARAMS)
+    localiser = Localiser(RIG, DT)
     _, before = run(localiser, rows[:20], poses[:20])
-    _, state = run(localiser, rows[19:20].expand(30, 2, -1), poses[19:20].repeat(30, 0), before)
+    _, state = run(localiser, rows[19:20].repeat(30, 0), poses[19:20].repeat(30, 0), before)
     assert np.array_equal(state.ndt_map, before.ndt_map)
     assert np.array_equal(state.pose, before.pose)
     _, on = run(localiser, rows[20:21], poses[20:21], state)
@@ -143,16 +141,16 @@ CORNER = np.concatenate((ALONG, ACROSS))
 def map_of(points):
     """The NDT map of points of the world."""
     scan = Scan(*points.T.copy(), np.ones(len(points)))
-    return add_scan(empty_map(PARAMS.map_cells), scan, np.zeros(3), CELL)
+    return add_scan(empty_map(MAP_CELLS), scan, np.zeros(3), CELL_M)
 
 
 def test_cells_hold_the_moments_of_their_points():
     points = CORNER + np.random.default_rng(2).normal(0, 0.01, CORNER.shape)
     cells = {tuple(cell[:2].astype(int)): cell[2:] for cell in to_sparse(map_of(points))}
-    at = np.floor(points / CELL).astype(int)
+    at = np.floor(points / CELL_M).astype(int)
     assert set(cells) == set(map(tuple, at.tolist()))
     for cell, sums in cells.items():
-        offset = points[(at == cell).all(1)] - (np.array(cell) + 0.5) * CELL
+        offset = points[(at == cell).all(1)] - (np.array(cell) + 0.5) * CELL_M
         x, y = offset.T
         wanted = (len(x), x.sum(), y.sum(), (x * x).sum(), (x * y).sum(), (y * y).sum())
         assert sums == pytest.approx(wanted, abs=1e-4)
@@ -161,7 +159,7 @@ def test_cells_hold_the_moments_of_their_points():
 def test_a_map_is_not_changed_by_adding_a_scan_and_survives_a_file():
     before = map_of(CORNER)
     kept = before.copy()
-    after = add_scan(before, Scan(*CORNER.T, np.ones(len(CORNER))), np.array((0.5, 0.2, 0.3)), CELL)
+    after = add_scan(before, Scan(*CORNER.T, np.ones(len(CORNER))), np.array((0.5, 0.2, 0.3)), CELL_M)
     assert np.array_equal(before, kept)
     sparse = to_sparse(after)
     assert np.array_equal(from_sparse(sparse, len(after)), after)
@@ -183,10 +181,10 @@ def test_a_scan_is_matched_to_the_pose_at_which_it_was_taken():
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     offset = points[np.hypot(*(points - pose[:2]).T) < 3.5] - pose[:2]
     scan = Scan(offset @ (cos, sin), offset @ (-sin, cos), np.ones(len(offset)))
-    match = match_scan(map_of(points), scan, pose + np.array((0.06, -0.05, 0.03)), (0.3, 0.3), CELL)
+    match = match_scan(map_of(points), scan, pose + np.array((0.06, -0.05, 0.03)), (0.3, 0.3), CELL_M)
     assert match.pose == pytest.approx(pose, abs=2e-3)
     assert match.score == pytest.approx(0.5, abs=0.2)  # the mean of exp(-d^2 / 2) of a Gaussian
-    nowhere = match_scan(empty_map(PARAMS.map_cells), scan, pose, (0.3, 0.3), CELL)
+    nowhere = match_scan(empty_map(MAP_CELLS), scan, pose, (0.3, 0.3), CELL_M)
     assert nowhere.score == 0
     assert nowhere.pose == pytest.approx(pose)
     assert not nowhere.information.any()

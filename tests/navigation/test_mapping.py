@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from ndtorch.errors import InputError
 from ndtorch.navigation import AlphaBetaTracker, DeadReckoning, Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import certainty
-from ndtorch.navigation.mapping.feature_tracks import FeatureTrackParams
-from ndtorch.navigation.mapping.grid_map import SIDE, GridMapState
+from ndtorch.navigation.mapping.grid_map import LIMIT, SIDE, GridMapState
 from ndtorch.navigation.mapping.map_files import FREE, OCCUPIED, UNKNOWN, load_map, save_map
 from tests.navigation.planar_world import to_body
 
@@ -126,7 +125,7 @@ def test_log_odds():
     assert at(0.8, 0.5) == 0.5
     for _ in range(200):
         state = mapper.update(*look, state)
-    assert float(state.cells.abs().max()) == mapper.odds.limit
+    assert float(state.cells.abs().max()) == LIMIT
     # It changes its mind: something is now seen through the place.
     further = ranges_of([[[2.1, 0.0]]]), look[1]
     for _ in range(200):
@@ -272,7 +271,7 @@ def test_tracks_end_and_slots_are_reused():
     pose = Pose(*torch.zeros(3, 60))
     ranges = seen(walk([[1.0, 0.0]], [[0.0, 0.0]], 60), pose)
     gone = ranges._replace(valid=ranges.valid & (torch.arange(60) < 20).unsqueeze(-1))
-    tracker = AlphaBetaTracker(DT, FeatureTrackParams(slots=2, max_lost_s=0.5))
+    tracker = AlphaBetaTracker(DT, slots=2)
     tracks, state = tracker(gone, pose)
     assert torch.isinf(tracks.unseen).all()
     tracks, _ = tracker(seen(walk([[2.0, 0.5]], [[0.0, 0.0]], 60), pose), pose, state)

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 from ndtorch.navigation import Body
-from ndtorch.navigation.planning._kernels import HORIZON_M
-from ndtorch.navigation.planning.planner import (
+from ndtorch.navigation.planning import (
+    HORIZON_M,
     MAX_REVERSE_SPEED,
     MIN_SPEED,
     LocalMap,
     PlannerParams,
     clearance,
     goal_costs,
-    hidden,
     plan,
     pure_pursuit,
     speed_profile,
@@ -116,19 +115,6 @@ def test_clearance_is_the_distance_to_what_is_blocked():
     assert clear[row, column + 10] == pytest.approx(10 * CELL)
     assert clear[row + 6, column - 8] == pytest.approx(10 * CELL, rel=0.03)
     assert (clearance(np.zeros((3, 4), bool), CELL) == 99.0).all()
-
-
-def test_unknown_cells_near_an_obstacle_count_as_blocked_and_free_ones_do_not():
-    rng = np.random.default_rng(3)
-    blocked, free = rng.random((40, 40)) < 0.02, rng.random((40, 40)) < 0.5
-    around = LocalMap(blocked, ~blocked & free, 0.0, 0.0, CELL)
-    row, column = np.nonzero(blocked)
-    down, across = np.indices(blocked.shape)
-    away = CELL * np.hypot(down[..., None] - row, across[..., None] - column).min(-1)
-    cells = hidden(around)
-    assert not (cells & around.free).any()
-    assert cells[~around.free & (away < 0.14)].all()
-    assert not cells[away > 0.16].any()
 
 
 def test_exploring_ends_where_nothing_is_left_and_goes_through_no_wall():

@@ -79,19 +79,13 @@ class Controller(nn.Module, ABC):
             )
 
     @classmethod
-    def params_for(
-        cls,
-        speed: float = 0.5,
-        goal: tuple[float, float] | None = None,
-        explore: bool = False,
-        return_home: bool = False,
-    ) -> Any:
-        """The numbers with which the controller does what it is asked to, as `NavigatorOptions` has it.
+    def params_for(cls, speed: float, **tasks: Any) -> Any:
+        """The numbers with which the controller does what it is asked to: `goal`, `explore`, `return_home`.
 
         Raises:
-            InputError: a goal, which only other controllers have.
+            InputError: a task, which only other controllers have.
         """
-        if goal is not None or explore or return_home:
+        if any(task not in (None, False) for task in tasks.values()):
             raise InputError(f"the {cls.name} controller has no goals: use the controller goal")
         return replace(cls.Params(), speed_m_per_s=speed)
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ndtorch.navigation import local_grid
+from ndtorch.navigation import local_grid, planning
 from ndtorch.navigation.body import braking_speed
 from ndtorch.navigation.controllers.contract import (
     ARRIVED,
@@ -28,48 +28,31 @@ from ndtorch.navigation.controllers.ranging._kernels import (
     limit,
     remember,
 )
-from ndtorch.navigation.controllers.ranging.control import RangingControl
-from ndtorch.navigation.controllers.ranging.params import RangingParams
+from ndtorch.navigation.controllers.ranging.control import RangingControl, RangingParams
 from ndtorch.navigation.local_grid import Array, LocalGrid, LocalGridParams, Place
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.planning import planner
-from ndtorch.navigation.planning.planner import LocalMap, PlannerParams
+from ndtorch.navigation.planning import LocalMap, PlannerParams
 from ndtorch.navigation.proximity import ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import StereoRig
 
-GOAL, EXPLORE, HOME, DONE = 0, 1, 2, 3
-"""Tasks."""
-
-MAX_POINTS = 40
-"""Points of a path that are kept: more than its horizon has arcs."""
-
-PLAN_INTERVAL_S = 0.2
-"""A path is planned so often."""
-
-FREE_RATIO = 0.1
-"""Cells with less evidence than minus this ratio of a blocked cell's are free."""
-
-CELL_M = 0.05
-"""Side of a cell of the local grid."""
+GOAL, EXPLORE, HOME, DONE = 0, 1, 2, 3  # tasks
+MAX_POINTS = 40  # points of a path that are kept: more than its horizon has arcs
+PLAN_INTERVAL_S = 0.2  # a path is planned so often
+FREE_RATIO = 0.1  # cells with less evidence than minus this ratio of a blocked cell's are free
+CELL_M = 0.05  # side of a cell of the local grid
 
 REACTION_S = 0.2
 """The car brakes this long after an obstacle came into view: two frames of ranges, a step, and the body's reaction."""
 
-MIN_SAFE_SPEED = 0.1
-"""m/s: where the car could only drive more slowly, the path is blocked."""
+MIN_SAFE_SPEED = 0.1  # m/s: where the car could only drive more slowly, the path is blocked
 
 STUCK_S, REACTIVE_S = 1.0, 1.0
 """A car that has stood without a free path for the first time is driven by the reactive controller for the second."""
 
-EXPLORED_S = 10.0
-"""Exploration ends when no path to unvisited floor was found for this long."""
-
-VISITED_M = 0.9
-"""Exploring, everything within this distance of the car is visited."""
-
-CURVATURE_RATIO = 1.075
-"""Largest commanded curvature over that of the tightest planned arc."""
+EXPLORED_S = 10.0  # exploration ends when no path to unvisited floor was found for this long
+VISITED_M = 0.9  # exploring, everything within this distance of the car is visited
+CURVATURE_RATIO = 1.075  # largest commanded curvature over that of the tightest planned arc
 
 SPIN_LOOK_M, SPIN_ABOVE, SPIN_BELOW = 0.6, math.radians(60), math.radians(15)
 """A differential drive turns on the spot where the point so far down the costs to the goal is farther off its heading
@@ -103,53 +86,34 @@ class GoalParams(PlannerParams):
 
 
 class GoalState(NamedTuple):
-    """State of `GoalControl`.
+    """State of `GoalControl`."""
 
-    Attributes:
-        reactive: state of the reactive controller, with its local grid.
-        visited: 1 in visited cells; no cells where the controller does not explore.
-        task: `GOAL`, `EXPLORE`, `HOME` or `DONE`.
-        goal, home: x, y, m, in the frame of the map.
-        explores, returns: whether exploration and the way home follow.
-        frame: pose of that frame in the frame of dead reckoning.
-        path: `[MAX_POINTS, 6]`, see `Plan`.
-        points, at: number of its points, and index of the one reached.
-        due: time steps until the next plan.
-        direction: +1 ahead, -1 backward.
-        stuck: consecutive time steps without a free path.
-        idle: time steps since a path to the end of the task was found.
-        reactive_steps: time steps for which the reactive controller drives alone.
-        turn_to: heading to which a differential drive turns on the spot, radians; inf while it does not.
-        mode: what the car is doing.
-    """
-
-    reactive: RangingState
-    visited: LocalGrid
-    task: int
-    goal: tuple[float, float]
+    reactive: RangingState  # state of the reactive controller, with its local grid
+    visited: LocalGrid  # 1 in visited cells; no cells where the controller does not explore
+    task: int  # `GOAL`, `EXPLORE`, `HOME` or `DONE`
+    goal: tuple[float, float]  # goal, home: x, y, m, in the frame of the map
     home: tuple[float, float]
-    explores: bool
+    explores: bool  # explores, returns: whether exploration and the way home follow
     returns: bool
-    frame: Place
-    path: Array
-    points: int = 0
+    frame: Place  # pose of that frame in the frame of dead reckoning
+    path: Array  # `[MAX_POINTS, 6]`, see `Plan`
+    points: int = 0  # points, at: number of its points, and index of the one reached
     at: int = 0
-    due: int = 0
-    direction: float = 1.0
-    stuck: int = 0
-    idle: int = 0
-    reactive_steps: int = 0
+    due: int = 0  # time steps until the next plan
+    direction: float = 1.0  # +1 ahead, -1 backward
+    stuck: int = 0  # consecutive time steps without a free path
+    idle: int = 0  # time steps since a path to the end of the task was found
+    reactive_steps: int = 0  # time steps for which the reactive controller drives alone
+    # heading to which a differential drive turns on the spot, radians; inf while it does not
     turn_to: float = math.inf
-    mode: int = SUPPRESSED
+    mode: int = SUPPRESSED  # what the car is doing
 
     @property
     def floor(self) -> FloorState:
-        """What was learned of the floor."""
         return self.reactive.floor
 
     @property
     def difference(self) -> float:
-        """Length of the free arcs on the left minus the right, m."""
         return self.reactive.difference
 
 
@@ -157,8 +121,8 @@ class GoalState(NamedTuple):
 class GoalControl(RangingControl):
     """Drives to a goal, explores, and returns home, by paths planned in its local grid.
 
-    A few times a second a path is planned, ahead and backward, with arcs that the car can drive and its footprint
-    (`planning`). In between it is tracked by pure pursuit. If the arcs of the reactive controller are blocked, the car
+    A few times a second a path is planned, ahead and backward, with arcs that the car can drive and its footprint.
+    In between it is tracked by pure pursuit. If the arcs of the reactive controller are blocked, the car
     stops, and after a second the reactive controller drives alone for another one.
 
     Args:
@@ -193,16 +157,10 @@ class GoalControl(RangingControl):
         )
 
     @classmethod
-    def params_for(
-        cls,
-        speed: float = 0.5,
-        goal: tuple[float, float] | None = None,
-        explore: bool = False,
-        return_home: bool = False,
-    ) -> GoalParams:
+    def params_for(cls, speed: float, **tasks: Any) -> GoalParams:
         names = "speed_m_per_s", "tight_speed_m_per_s", "unknown_speed_m_per_s"
         speeds = {name: min(speed, getattr(GoalParams, name)) for name in names} | {names[0]: speed}
-        return GoalParams(**speeds, goal=goal, explore=explore, return_home=return_home)
+        return GoalParams(**speeds, **tasks)
 
     def start(self, seen: Any, pose: Pose) -> GoalState:
         p, none = self.params, np.zeros((0, 0), np.float32)
@@ -269,7 +227,9 @@ class GoalControl(RangingControl):
         if math.isinf(state.turn_to):
             command, state = self.follow(lengths, here, state)
         else:
-            command, state = self.turn(pose, state)
+            turn = self.turn_on_spot(state.reactive, pose, math.remainder(state.turn_to - here[2], math.tau))
+            state = state._replace(stuck=0 if turn else state.stuck + 1, mode=TURN)
+            command = turn or Command(0.0, 0.0)
         # What the reactive controller was about does not matter while it does not drive.
         state = state._replace(reactive=state.reactive._replace(mode=CRUISE, age=0, has_reversed=0))
         if state.stuck * self.dt >= STUCK_S:
@@ -280,7 +240,7 @@ class GoalControl(RangingControl):
         """Track the path; the car stands where there is none or the reactive controller sees no room on it."""
         p, path = self.params, state.path[: state.points]
         most = CURVATURE_RATIO * p.max_curvature_per_m
-        aim = planner.pure_pursuit(path, state.at, here, p.lookahead_m, most)
+        aim = planning.pure_pursuit(path, state.at, here, p.lookahead_m, most)
         if aim.direction == 0:
             return Command(0.0, 0.0), state._replace(due=0, stuck=state.stuck + 1, mode=TURN)
         # Room on the two arcs of the reactive controller that are nearest to the one that is wanted
@@ -288,7 +248,7 @@ class GoalControl(RangingControl):
         off = np.where(arcs.forward == aim.direction, np.abs(arcs.curvature - aim.curvature), np.inf)
         safe = braking_speed(float(lengths[0, np.argsort(off)[:2]].max()), p.deceleration_m_per_s2, REACTION_S)
         blocked = safe < MIN_SAFE_SPEED
-        speed = 0.0 if blocked else min(safe, planner.tracking_speed(path, aim.at, here, p.deceleration_m_per_s2))
+        speed = 0.0 if blocked else min(safe, planning.tracking_speed(path, aim.at, here, p.deceleration_m_per_s2))
         return Command(speed * aim.direction, aim.curvature), state._replace(
             at=aim.at,
             due=0 if blocked else state.due - 1,
@@ -297,26 +257,18 @@ class GoalControl(RangingControl):
             mode=CRUISE if aim.direction > 0 else REVERSE,
         )
 
-    def turn(self, pose: Pose, state: GoalState) -> tuple[Command, GoalState]:
-        """Turn on the spot towards the path; where there is no room the car stands."""
-        side = math.remainder(state.turn_to - pose.heading, math.tau)
-        command = self.turn_on_spot(state.reactive, pose, side)
-        stuck = state.stuck + 1 if command is None else 0
-        return command or Command(0.0, 0.0), state._replace(stuck=stuck, mode=TURN)
-
     def replan(self, state: GoalState, here: Place) -> GoalState:
-        """The state with a new path."""
         p, goal, evidence = self.params, self.task_goal(state), state.reactive.grid.evidence
         cells, left, bottom = local_grid.unrolled(evidence, here[0], here[1], self.grid)
         around = LocalMap(cells >= BLOCKED, cells < -FREE_RATIO * BLOCKED, left, bottom, CELL_M)
         if goal is None:
             visited, _, _ = local_grid.unrolled(state.visited.evidence, here[0], here[1], self.grid)
-            goals = planner.unvisited_costs(p, around, visited > 0)
+            goals = planning.unvisited_costs(p, around, visited > 0)
         else:
-            goals = planner.goal_costs(around, goal)
+            goals = planning.goal_costs(around, goal)
         at = min(state.at + 1, max(0, state.points - 1))
         curvature = float(state.path[at, 3]) if state.points else 0.0
-        made = planner.plan(p, around, goals, here, curvature, state.direction, exploring=goal is None)
+        made = planning.plan(p, around, goals, here, curvature, state.direction, exploring=goal is None)
         points, turn_to = min(len(made.path), MAX_POINTS), math.inf
         path = np.zeros((MAX_POINTS, 6), np.float32)
         path[:points] = made.path[:points]
@@ -360,7 +312,6 @@ class GoalControl(RangingControl):
 
 
 def next_task(state: GoalState) -> GoalState:
-    """The state with the next task."""
     tasks = (GOAL, EXPLORE if state.explores else DONE, HOME if state.returns else DONE, DONE)
     task = next((task for task in tasks[state.task + 1 :] if task != DONE), DONE)
     return state._replace(task=task, points=0, due=0, idle=0, turn_to=math.inf)
@@ -375,8 +326,8 @@ def to_frame(frame: Place, x: float, y: float) -> tuple[float, float]:
 
 def path_heading(to_go: Array, around: LocalMap, here: Place) -> float:
     """Heading from here to the point `SPIN_LOOK_M` down the costs of `dijkstra`, radians; NaN where they end here."""
-    start = row, column = tuple(int(n) for n in around.cells_of(here[0], here[1], planner.COARSE))
-    for _ in range(round(SPIN_LOOK_M / (around.cell * planner.COARSE))):
+    start = row, column = tuple(int(n) for n in around.cells_of(here[0], here[1], planning.COARSE))
+    for _ in range(round(SPIN_LOOK_M / (around.cell * planning.COARSE))):
         top, left = max(row - 1, 0), max(column - 1, 0)
         beside = to_go[top : row + 2, left : column + 2]
         down, aside = divmod(int(beside.argmin()), beside.shape[1])

@@ -171,7 +171,6 @@ class SaccadeAvoidance(nn.Module):
         return AvoidanceState(difference, torch.full_like(difference, self.age), torch.zeros_like(difference))
 
     def mode(self, state: AvoidanceState) -> Tensor:
-        """What the car is doing, `[...]` integers: `CRUISE`, `TURN`, `SUPPRESSED` or `STOPPED`."""
         mode = torch.where(state.age < self.watching, SUPPRESSED, CRUISE)
         mode = torch.where(state.curvature != 0, TURN, mode)
         return torch.where(state.age == -math.inf, STOPPED, mode)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from torch import Tensor, from_numpy
+from torch import from_numpy
 
-from ndtorch.arguments import check_number, check_numbers
+from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
 from ndtorch.navigation.localisation import odometry as wheels
 from ndtorch.navigation.localisation.ndt import Cells, Floats, Scan, ScanMatch, add_scan, empty_map, match_scan
@@ -18,17 +17,16 @@ from ndtorch.navigation.stereo.ranging import triangulate
 from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.navigation.stereo.search import SearchParams, search_rows
 
-SEARCH = SearchParams(count=32, min_disparity_px=8)
-"""Stereo search of a scan."""
+SEARCH = SearchParams(count=32, min_disparity_px=8)  # stereo search of a scan
+SCAN_INTERVAL_S = 0.2  # time between two scans
+MIN_RANGE_M, MAX_RANGE_M = 0.9, 6.5  # shorter and longer ranges are ignored
 
-SETTLE_S = 1.0
-"""Scans before this time are added to a new map without being matched."""
+CELL_M, MAP_CELLS = 0.25, 256
+"""Side of an NDT cell ([Biber & Straßer 2003] use 1 m for a laser), and number of cells along each side of the map."""
 
-MIN_POINTS = 3
-"""Scans of fewer points are neither matched nor added."""
-
-FULL_WEIGHT_RANGE_M = 2.5
-"""Points up to this range weigh 1, farther ones less by the square of the range."""
+SETTLE_S = 1.0  # scans before this time are added to a new map without being matched
+MIN_POINTS = 3  # scans of fewer points are neither matched nor added
+FULL_WEIGHT_RANGE_M = 2.5  # points up to this range weigh 1, farther ones less by the square of the range
 
 SIGMA_M, SIGMA_RAD = 0.001, 0.0003
 """Standard deviations of odometry between two scans, beside those of its fusion."""
@@ -36,69 +34,24 @@ SIGMA_M, SIGMA_RAD = 0.001, 0.0003
 KNOWN_SIGMA_M, KNOWN_SIGMA_RAD = 0.1, 0.05
 """Standard deviations of the pose at which a drive in a known map starts."""
 
-SEARCH_SIGMAS = 3.0
-"""A scan match begins with this many standard deviations of the predicted pose."""
+SEARCH_SIGMAS = 3.0  # a scan match begins with this many standard deviations of the predicted pose
 
 INFORMATION_SCALE, MIN_SCORE = 0.05, 0.1
 """Factor of the information of a scan match, as its points are not independent; one with less score is rejected."""
 
-MIN_SIGMA_M, MIN_SIGMA_RAD = 0.01, 0.006
-"""Standard deviations of a scan match, at best."""
-
-SLIP_GATE = 16.0
-"""Odometry counts as slipping beyond this squared Mahalanobis distance of a scan match."""
-
-
-@dataclass(frozen=True)
-class LocaliserParams:
-    """Parameters of `Localiser`.
-
-    Args:
-        scan_interval_s: Time between two scans.
-        min_range_m: Shorter ranges are ignored.
-        max_range_m: Longer ranges are ignored.
-        cell_m: Side of an NDT cell; [Biber & Straßer 2003] use 1 m for a laser.
-        map_cells: Number of cells along each side of the square map, even.
-
-    Raises:
-        InputError: A number is not positive, or the ranges or the number of cells cannot be used.
-    """
-
-    scan_interval_s: float = 0.2
-    min_range_m: float = 0.9
-    max_range_m: float = 6.5
-    cell_m: float = 0.25
-    map_cells: int = 256
-
-    def __post_init__(self) -> None:
-        check_numbers(self, positive=vars(self))
-        if not (self.min_range_m < self.max_range_m and self.map_cells % 2 == 0):
-            raise InputError(f"expected min_range_m < max_range_m and an even number of map_cells, got {self}")
-
-    @property
-    def map_radius_m(self) -> float:
-        """Half the side of the map, m."""
-        return self.map_cells // 2 * self.cell_m
+MIN_SIGMA_M, MIN_SIGMA_RAD = 0.01, 0.006  # standard deviations of a scan match, at best
+SLIP_GATE = 16.0  # odometry counts as slipping beyond this squared Mahalanobis distance of a scan match
 
 
 class LocaliserState(NamedTuple):
-    """State of `Localiser`.
+    """State of `Localiser`."""
 
-    Attributes:
-        ndt_map: `[map_cells, map_cells, 6]`, see `ndt`.
-        pose: x, y, m, and heading, radians, in the map, `[3]`.
-        covariance: of the pose, `[3, 3]`.
-        wheels: state of odometry.
-        age: steps since the start.
-        score: of the last scan match, 0..1.
-    """
-
-    ndt_map: Cells
-    pose: Floats
-    covariance: Floats
-    wheels: wheels.OdometryState
-    age: int = 0
-    score: float = 0.0
+    ndt_map: Cells  # `[MAP_CELLS, MAP_CELLS, 6]`, see `ndt`
+    pose: Floats  # x, y, m, and heading, radians, in the map, `[3]`
+    covariance: Floats  # of the pose, `[3, 3]`
+    wheels: wheels.OdometryState  # state of odometry
+    age: int = 0  # steps since the start
+    score: float = 0.0  # of the last scan match, 0..1
 
     @property
     def odometry(self) -> Floats:
@@ -117,43 +70,35 @@ class Localiser:
     Called once a frame, `state = localiser(rows, reckoned, state)`, for one car.
 
     Shapes:
-        rows: both gray rows, `[2, W]`, 0..1, or None where it is not `due`; reckoned: `Pose` of `[]`.
+        rows: both gray rows, an array `[2, W]`, 0..1, or None where it is not `due`; reckoned: `Pose` of `[]`.
         `state=None` starts at the reckoned pose, in an empty map or in the known one.
 
     Args:
         rig: the camera pair.
         dt: time step, s.
-        params: its parameters.
-        known: NDT map made before, `[map_cells, map_cells, 6]`, in which the reckoned pose at the start is known to
+        known: NDT map made before, `[MAP_CELLS, MAP_CELLS, 6]`, in which the reckoned pose at the start is known to
             about .1 m and 3 degrees.
 
     Raises:
         InputError: a time step that cannot be, several cars at once, or a known map of another size.
     """
 
-    def __init__(
-        self, rig: StereoRig, dt: float, params: LocaliserParams | None = None, known: Cells | None = None
-    ) -> None:
+    def __init__(self, rig: StereoRig, dt: float, known: Cells | None = None) -> None:
         check_number("dt", dt, above=0, unit="seconds")
-        self.rig, self.dt, self.params, self.known = rig, dt, params or LocaliserParams(), known
-        self.every = max(1, round(self.params.scan_interval_s / dt))
-        size = self.params.map_cells
-        if known is not None and known.shape != (size, size, 6):
-            raise InputError(f"a known map must be [{size}, {size}, 6], got {tuple(known.shape)}")
+        self.rig, self.dt, self.known, self.every = rig, dt, known, max(1, round(SCAN_INTERVAL_S / dt))
+        if known is not None and known.shape != (MAP_CELLS, MAP_CELLS, 6):
+            raise InputError(f"a known map must be [{MAP_CELLS}, {MAP_CELLS}, 6], got {tuple(known.shape)}")
 
     def warm_up(self) -> None:
-        """Compile or load all kernels."""
         points, here = np.linspace(1.0, 2.0, 8), np.zeros(3)
         scan, rows = Scan(points, points - 1.5, np.ones(8)), np.zeros((2, self.rig.width), np.float32)
-        cell_m = self.params.cell_m
-        match_scan(add_scan(empty_map(self.params.map_cells), scan, here, cell_m), scan, here, (0.1, 0.1), cell_m)
+        match_scan(add_scan(empty_map(MAP_CELLS), scan, here, CELL_M), scan, here, (0.1, 0.1), CELL_M)
         wheels.visual_motion(wheels.with_keyframe(wheels.start_odometry(here), rows, scan), rows, self.rig)
 
     def due(self, state: LocaliserState | None) -> bool:
-        """Whether the next step takes a scan."""
         return state is None or state.age % self.every == 0
 
-    def __call__(self, rows: Tensor | None, reckoned: Pose, state: LocaliserState | None = None) -> LocaliserState:
+    def __call__(self, rows: Cells | None, reckoned: Pose, state: LocaliserState | None = None) -> LocaliserState:
         due = self.due(state)
         if np.ndim(reckoned.x) or (due and (rows is None or rows.ndim != 2)):
             raise InputError(f"expected one pose and rows [2, W], got {np.shape(reckoned.x)} and {rows}")
@@ -163,13 +108,13 @@ class Localiser:
         state = self.start(pose) if state is None else state
         state = self.move(state, wheels.advance(state.wheels, pose, self.dt))
         if due and rows is not None:
-            state = self.process_scan(rows.detach().cpu().float().contiguous().numpy(), state)
+            state = self.process_scan(np.ascontiguousarray(rows, np.float32), state)
         return state._replace(age=state.age + 1)
 
     def start(self, pose: Floats) -> LocaliserState:
         """The state of a car at a pose that has ranged nothing yet."""
         sigma = np.array((KNOWN_SIGMA_M, KNOWN_SIGMA_M, KNOWN_SIGMA_RAD)) * (self.known is not None)
-        ndt_map = empty_map(self.params.map_cells) if self.known is None else self.known
+        ndt_map = empty_map(MAP_CELLS) if self.known is None else self.known
         return LocaliserState(ndt_map, pose, np.diag(sigma**2), wheels.start_odometry(pose))
 
     def reset_pose(self, state: LocaliserState, at: Pose) -> LocaliserState:
@@ -189,7 +134,7 @@ class Localiser:
 
     def process_scan(self, rows: Cells, state: LocaliserState) -> LocaliserState:
         """Fuse odometry, match the scan of both rows with the map, and add it."""
-        p, stands = self.params, not state.wheels.since.any()
+        stands = not state.wheels.since.any()
         fused, variance = wheels.fuse(
             state.wheels, None if stands else wheels.visual_motion(state.wheels, rows, self.rig)
         )
@@ -207,17 +152,17 @@ class Localiser:
         if not settles:
             place, angle = SEARCH_SIGMAS * np.sqrt(state.covariance.diagonal()[1:])
             place = max(place, SEARCH_SIGMAS * math.sqrt(state.covariance[0, 0])) + MIN_SIGMA_M
-            match = match_scan(state.ndt_map, scan, state.pose, (place, angle + MIN_SIGMA_RAD), p.cell_m)
+            match = match_scan(state.ndt_map, scan, state.pose, (place, angle + MIN_SIGMA_RAD), CELL_M)
             state = self.correct(state, match)
-        return state._replace(ndt_map=add_scan(state.ndt_map, scan, state.pose, p.cell_m))
+        return state._replace(ndt_map=add_scan(state.ndt_map, scan, state.pose, CELL_M))
 
     def scan(self, rows: Cells) -> Scan:
         """Points ranged in both gray rows `[2, W]`; those outside the ranges that count weigh nothing."""
-        p, ranges = self.params, triangulate(search_rows(from_numpy(rows), SEARCH), self.rig)
+        ranges = triangulate(search_rows(from_numpy(rows), SEARCH), self.rig)
         x, y = (part[ranges.valid].double().numpy() for part in (ranges.x, ranges.y))
         distance = np.hypot(x, y)
-        weight = np.minimum(1.0, (FULL_WEIGHT_RANGE_M / np.maximum(distance, p.min_range_m)) ** 2)
-        return Scan(x, y, np.where((distance > p.min_range_m) & (distance < p.max_range_m), weight, 0.0))
+        weight = np.minimum(1.0, (FULL_WEIGHT_RANGE_M / np.maximum(distance, MIN_RANGE_M)) ** 2)
+        return Scan(x, y, np.where((distance > MIN_RANGE_M) & (distance < MAX_RANGE_M), weight, 0.0))
 
     def correct(self, state: LocaliserState, match: ScanMatch) -> LocaliserState:
         """The pose after a scan match: one step of the Kalman filter."""

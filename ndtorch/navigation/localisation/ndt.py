@@ -18,23 +18,18 @@ from ndtorch.utils.jit import jit
 Floats = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.float32]
 
-MIN_WEIGHT = 1.5
-"""Cells of less weight do not take part in matching."""
+MIN_WEIGHT = 1.5  # cells of less weight do not take part in matching
 
 MAX_WEIGHT = 1e5
 """The sums of a heavier cell are scaled down to this weight, so that it stays able to change."""
 
-BLUR_M = 0.02
-"""Standard deviation added to the distribution of each cell."""
+BLUR_M = 0.02  # standard deviation added to the distribution of each cell
 
 OUTLIER_GATE = 9.0
 """Squared Mahalanobis distance at which a point has a quarter of its weight; at four times it has none."""
 
-ITERATIONS = 8
-"""Gauss-Newton iterations of a scan match, at most."""
-
-MAX_STEP = 0.1
-"""Gauss-Newton steps are no larger than this, m and radians."""
+ITERATIONS = 8  # Gauss-Newton iterations of a scan match, at most
+MAX_STEP = 0.1  # Gauss-Newton steps are no larger than this, m and radians
 
 
 class Scan(NamedTuple):
@@ -55,7 +50,6 @@ class ScanMatch(NamedTuple):
 
 
 def empty_map(size: int) -> Cells:
-    """A map without points."""
     return np.zeros((size, size, 6), np.float32)
 
 

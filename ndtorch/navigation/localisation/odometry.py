@@ -26,14 +26,12 @@ SCALE_SIGMA, BEND_SIGMA, DRIFT_SIGMA = 0.1, 0.03, math.radians(0.2)
 WALK_SIGMA = np.array((0.01, 2e-4, math.radians(0.001)))
 """Standard deviations by which these change from scan to scan."""
 
-SLIP_RATIO, SIGMA_M = 0.02, 1e-4
-"""Standard deviation of the distance between two scans: m per metre, and m."""
+SLIP_RATIO, SIGMA_M = 0.02, 1e-4  # standard deviation of the distance between two scans: m per metre, and m
 
 SLIP_RAD_PER_RAD, SIGMA_RAD = 0.02, 0.001
 """Standard deviation of the turn between two scans: radians per radian, and radians."""
 
-SLIP_GATE = 9.0
-"""Wheels count as slipping beyond this squared Mahalanobis distance from visual odometry."""
+SLIP_GATE = 9.0  # wheels count as slipping beyond this squared Mahalanobis distance from visual odometry
 
 MAX_ERROR, MIN_INLIERS, MIN_INLIER_RATIO = 1.5, 2, 0.7
 """Mean squared error of visual inliers in standard deviations, at most; their number and ratio, at least."""
@@ -41,14 +39,9 @@ MAX_ERROR, MIN_INLIERS, MIN_INLIER_RATIO = 1.5, 2, 0.7
 MIN_SIGMA = np.array((0.001, 0.0001))
 """Standard deviations of visual distance, m, and turn, radians, at best."""
 
-PATCH_HALF_PX = 8
-"""Pixels compared to either side of a point."""
-
-SEARCH_PX = 24
-"""Points are searched for within this distance of their predicted column."""
-
-MAX_DIFFERENCE = 0.05
-"""Mean absolute difference of a match, for intensities 0..1, at most."""
+PATCH_HALF_PX = 8  # pixels compared to either side of a point
+SEARCH_PX = 24  # points are searched for within this distance of their predicted column
+MAX_DIFFERENCE = 0.05  # mean absolute difference of a match, for intensities 0..1, at most
 
 UNIQUENESS_RATIO, NEIGHBOURS_PX = 0.8, 2
 """A match must differ by less than this ratio of the best one farther away than the neighbours."""
@@ -56,8 +49,7 @@ UNIQUENESS_RATIO, NEIGHBOURS_PX = 0.8, 2
 COLUMN_SIGMA_PX, DISPARITY_SIGMA_PX = 0.39, 0.3
 """Standard deviations of the column and of the disparity of a point."""
 
-MOTION_GATE = 6.0
-"""Squared error, in standard deviations, at which a point has a quarter of its weight."""
+MOTION_GATE = 6.0  # squared error, in standard deviations, at which a point has a quarter of its weight
 
 MOTION_ITERATIONS, GATE_FACTORS = 6, (400.0, 60.0, 9.0)
 """Gauss-Newton iterations, and factors of the gate in the first ones: the prediction may be some pixels off."""
@@ -71,29 +63,22 @@ class Motion(NamedTuple):
 
 
 class OdometryState(NamedTuple):
-    """State of odometry.
+    """State of odometry."""
 
-    Attributes:
-        reported: pose by the wheels alone, `[3]`.
-        since: distance, m, turn, radians, and duration of driving, s, reported since the last scan, `[3]`.
-        base: corrected pose at the last scan, `[3]`.
-        errors: scale (ratio of distance and turn), bend (ratio of the turn) and drift, radians/s, `[3]`.
-        covariance: of the errors, `[3, 3]`.
-        rows, points: gray rows of the last scan, `[2, W]`, and the points ranged in them, m, `[2, n]`; both are empty
-            before the first scan.
-    """
-
-    reported: Floats
+    reported: Floats  # pose by the wheels alone, `[3]`
+    # distance, m, turn, radians, and duration of driving, s, reported since the last scan, `[3]`
     since: Floats
-    base: Floats
+    base: Floats  # corrected pose at the last scan, `[3]`
+    # scale (ratio of distance and turn), bend (ratio of the turn) and drift, radians/s, `[3]`
     errors: Floats
-    covariance: Floats
+    covariance: Floats  # of the errors, `[3, 3]`
+    # rows, points: gray rows of the last scan, `[2, W]`, and the points ranged in them, m, `[2, n]`; both
+    # are empty before the first scan
     rows: Cells
     points: Floats
 
 
 def start_odometry(pose: Floats) -> OdometryState:
-    """Wheels at a pose before anything was driven."""
     covariance = np.diag(np.square((SCALE_SIGMA, BEND_SIGMA, DRIFT_SIGMA)))
     nothing = np.zeros((2, 0), np.float32), np.zeros((2, 0))
     return OdometryState(pose, np.zeros(3), pose, np.zeros(3), covariance, *nothing)

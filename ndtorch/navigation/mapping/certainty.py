@@ -51,11 +51,8 @@ SEARCH_SPREAD_PX = 0.2
 """Standard deviation of the beams of a search. In textured arenas 68 % of its disparities are within .15 to .4 pixels
 of the true ones."""
 
-SIGMAS = 3
-"""Standard deviations to either side of an axis over which a table of beams reaches."""
-
-BEYOND_SIGHT = 100.0
-"""Metres at which rays that do not meet are cut off."""
+SIGMAS = 3  # standard deviations to either side of an axis over which a table of beams reaches
+BEYOND_SIGHT = 100.0  # metres at which rays that do not meet are cut off
 
 
 def beam_table(rig: StereoRig, farthest: float, spacing: float, spread_px: float = 1.0) -> tuple[Tensor, Tensor]:

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -18,6 +17,12 @@ from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import StereoRig
 
 Certainty = Literal["beams", "log-odds"]
+
+HIT, MISS, LIMIT = 2.0, 0.1, 6.0
+"""Log-odds, `log(p / (1 - p))` for the probability p that a cell is occupied: what an observation adds in all, spread
+over its cells; what it takes from each cell on its line of sight; and their largest size, so that maps can change."""
+
+CLEAR_RATIO = 0.85  # ratio of the range up to which the line of sight counts as free
 
 BITS = 6
 SIDE = 1 << BITS
@@ -56,12 +61,10 @@ class Grid:
 
     @property
     def rows(self) -> int:
-        """Number of cells along y."""
         return math.ceil(round((self.top - self.bottom) / self.cell, 6))
 
     @property
     def columns(self) -> int:
-        """Number of cells along x."""
         return math.ceil(round((self.right - self.left) / self.cell, 6))
 
     def inner(self, cells: Tensor) -> Tensor:
@@ -79,31 +82,6 @@ class Grid:
     def center(self, row: Tensor, column: Tensor) -> tuple[Tensor, Tensor]:
         """x and y of the middle of a cell, m."""
         return self.left + (column + 0.5) * self.cell, self.bottom + (row + 0.5) * self.cell
-
-
-@dataclass(frozen=True)
-class LogOdds:
-    """Parameters of a map of log-odds, `log(p / (1 - p))` for the probability p that a cell is occupied.
-
-    Args:
-        hit: Log-odds that one observation adds in all, spread over its cells.
-        miss: Log-odds that one observation takes from each cell on the line of sight.
-        clear_ratio: Ratio of the range up to which the line of sight counts as free.
-        limit: Largest size of log-odds, so that the map can change.
-
-    Raises:
-        InputError: A number is out of range.
-    """
-
-    hit: float = 2.0
-    miss: float = 0.1
-    clear_ratio: float = 0.85
-    limit: float = 6.0
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
-        if not (self.hit > 0 and self.miss >= 0 and 0 < self.clear_ratio < 1 and self.limit > 0):
-            raise InputError(f"expected hit > 0, miss >= 0, 0 < clear_ratio < 1 and limit > 0, got {self}")
 
 
 class GridMapState(NamedTuple):
@@ -164,7 +142,6 @@ class GridMap(nn.Module):
         reach: space constant R_b of the beams, m.
         farthest: range up to which points along a beam are at most half a cell apart, m.
         certainty: what a cell holds, `"beams"` or `"log-odds"`.
-        odds: parameters of the log-odds.
         spread_px: standard deviation of a beam, pixels; [A] has 1.
 
     Raises:
@@ -182,7 +159,6 @@ class GridMap(nn.Module):
         reach: float = REACH,
         farthest: float = 2.2,
         certainty: Certainty = "beams",
-        odds: LogOdds | None = None,
         spread_px: float = 1.0,
     ) -> None:
         super().__init__()
@@ -192,12 +168,12 @@ class GridMap(nn.Module):
         if certainty not in get_args(Certainty):
             raise InputError(f"certainty must be 'beams' or 'log-odds', got {certainty!r}")
         self.rig, self.grid, self.reach = rig, grid or Grid(), reach
-        self.certainty, self.odds = certainty, odds or LogOdds()
+        self.certainty = certainty
         tangent, weight = beam_table(rig, farthest, self.grid.cell / 2, spread_px=spread_px)
         self.register_buffer("tangent", tangent, persistent=False)
         self.register_buffer("weight", weight, persistent=False)
         # One point a cell at the farthest range: nearer lines meet a cell more often than once, see `sight`.
-        line = torch.linspace(0.0, self.odds.clear_ratio, math.ceil(farthest / self.grid.cell))
+        line = torch.linspace(0.0, CLEAR_RATIO, math.ceil(farthest / self.grid.cell))
         self.register_buffer("line", line, persistent=False)
 
     def forward(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> tuple[Tensor, GridMapState]:
@@ -205,11 +181,8 @@ class GridMap(nn.Module):
         return self.grid.inner(state.cells), state
 
     def update(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> GridMapState:
-        """The state after ranges `[..., T, n]` taken at poses `[..., T]`; or after those of one frame, arrays `[n]`,
-        taken at a pose of numbers."""
+        """The state after ranges `[..., T, n]` taken at poses `[..., T]`."""
         check_state(state, GridMapState)
-        if isinstance(ranges.x, np.ndarray):
-            ranges, pose = in_tensors(ranges, pose)
         batch, grid = check_observations(ranges, pose), self.grid
         across, down = -(-(grid.columns + 2) // SIDE), -(-(grid.rows + 2) // SIDE)
         if state is None:
@@ -226,7 +199,7 @@ class GridMap(nn.Module):
         x, y, change = self.sight(ranges)
         row, column = (part.flatten(-2) for part in grid.find(*to_world(at, x, y)))
         for t in range(row.shape[-2]):  # frame by frame, because no frame may take a cell over the limit
-            state = state.add(row[..., t, :], column[..., t, :], change[..., t, :, :].flatten(-2), self.odds.limit)
+            state = state.add(row[..., t, :], column[..., t, :], change[..., t, :, :].flatten(-2), LIMIT)
         return state
 
     def sight(self, ranges: Ranges) -> tuple[Tensor, Tensor, Tensor]:
@@ -239,8 +212,8 @@ class GridMap(nn.Module):
         length = torch.hypot(ahead, aside) * float(self.line[-1])
         crowding = (length / (len(self.line) * self.grid.cell)).clamp(max=1.0)
         line_x, line_y = self.rig.forward + ahead * self.line, aside * self.line
-        free = (-self.odds.miss * crowding * valid).expand(line_x.shape)
-        change = torch.cat((hits * valid * self.odds.hit, free), -1)
+        free = (-MISS * crowding * valid).expand(line_x.shape)
+        change = torch.cat((hits * valid * HIT, free), -1)
         return torch.cat((x, line_x), -1), torch.cat((y, line_y), -1), change
 
     def normalised(self, state: GridMapState | None) -> Tensor:
@@ -255,11 +228,6 @@ class GridMap(nn.Module):
         cells = cells.clamp(min=0)
         largest = cells.amax((-2, -1), keepdim=True)
         return cells / torch.where(largest > 0, largest, 1.0)
-
-
-def in_tensors(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
-    """Ranges `[1, n]` and poses `[1]` of one frame, of arrays and numbers."""
-    return Ranges(*(torch.from_numpy(part[None]) for part in ranges)), Pose(*torch.tensor(pose).unsqueeze(-1).unbind())
 
 
 def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:

@@ -18,14 +18,12 @@ from ndtorch.utils.files import load_arrays, replacing, save_arrays, write_text
 Floats = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.float32]
 
-FAINTEST = 0.02
-"""A cell is occupied from this share of the largest on."""
+FAINTEST = 0.02  # a cell is occupied from this share of the largest on
 
 PIXEL = 5
 """Cells along the side of a pixel of the picture for ROS: 5 cm with cells of 1 cm, as planners there use."""
 
-PASSED = 0.18
-"""Metres to either side of the path that are free because the body was there: half its width."""
+PASSED = 0.18  # metres to either side of the path that are free because the body was there: half its width
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 """Gray levels that `map_server` of ROS reads as occupied, unknown and free."""

@@ -14,7 +14,8 @@ Array = Any
 """A NumPy array."""
 
 EDGE_SIDE, SAME_EDGE, BLUR = 1.5, 1.5, 2
-"""As `EDGE_SIDES` and the others of `ndtorch.navigation.stereo.features`."""
+"""The patch of an edge is sampled so many pixels to either side of it, beside its blur; edges less than so many pixels
+apart are one; and the blur of an edge reaches over so many pixels on either side."""
 
 
 KINDS = {bool: np.bool_, int: np.int64, float: np.float64}
@@ -30,18 +31,15 @@ def packed(*params: Any, **more: float) -> Array:
 
 
 class Frames(NamedTuple):
-    """One frame of each camera, and where in them the rectangles begin that are read.
+    """One frame of each camera, and where in them the rectangles begin that are read."""
 
-    Attributes:
-        left, right: uint8 or floating point, `[C, H, W]`, or `[H, W, C]` where colors are `interleaved`; contiguous.
-        scale: grey is the sum of three colors times this; one color counts three times.
-        tops, lefts: first row and column of the rectangle in the left and in the right frame.
-    """
-
+    # left, right: uint8 or floating point, `[C, H, W]`, or `[H, W, C]` where colors are `interleaved`;
+    # contiguous
     left: Array
     right: Array
     interleaved: bool
-    scale: float
+    scale: float  # grey is the sum of three colors times this; one color counts three times
+    # tops, lefts: first row and column of the rectangle in the left and in the right frame
     tops: tuple[int, int]
     lefts: tuple[int, int]
 
@@ -188,7 +186,6 @@ def edge_place(row: Array, column: int, reach: int) -> float:
 
 @jit(exact=True)
 def patch_error(one: Array, other: Array) -> float:
-    """Squared difference of two patches."""
     a, b, c = one[0] - other[0], one[1] - other[1], one[2] - other[2]
     total: float = a * a + b * b + c * c
     return total

@@ -28,19 +28,12 @@ ROS_MATRICES = ("K", "camera"), ("R", "rectification"), ("P", "projection")
 
 
 class PairCamera(NamedTuple):
-    """One camera of a pair.
+    """One camera of a pair."""
 
-    Attributes:
-        matrix: intrinsics `[3, 3]`, pixels.
-        distortion: coefficients `[n]` as OpenCV has them.
-        rotation: from the camera's frame to that of the rectified pair, `[3, 3]`.
-        projection: of the rectified camera, `[3, 4]`, the last column in pixels times metres.
-    """
-
-    matrix: Floats
-    distortion: Floats
-    rotation: Floats
-    projection: Floats
+    matrix: Floats  # intrinsics `[3, 3]`, pixels
+    distortion: Floats  # coefficients `[n]` as OpenCV has them
+    rotation: Floats  # from the camera's frame to that of the rectified pair, `[3, 3]`
+    projection: Floats  # of the rectified camera, `[3, 4]`, the last column in pixels times metres
 
 
 @dataclass(frozen=True)
@@ -141,15 +134,11 @@ def load_calibration(
 
 
 def of_lines(text: str, cameras: tuple[int, int], unit: float) -> StereoCalibration | None:
-    """The pair in lines of a name and numbers, as of KITTI; None for other files."""
-    named = [line.rpartition(":") for line in text.splitlines()]
-    rows = [numbers.split() for name, _, numbers in named if name[:1] in ("P", "") and len(numbers.split()) == 12]
+    """The pair in lines of a name and twelve numbers, as of KITTI; None for other files."""
+    rows = re.findall(r"^(?:P[^:\n]*:)?[ \t]*([-+.\deE]+(?:[ \t]+[-+.\deE]+){11})[ \t]*$", text, re.MULTILINE)
     if len(rows) <= max(cameras):
         return None
-    try:
-        first, second = (rectified_camera(np.array(rows[n], np.float64).reshape(3, 4), unit) for n in cameras)
-    except ValueError:
-        return None
+    first, second = (rectified_camera(np.array(rows[n].split(), np.float64).reshape(3, 4), unit) for n in cameras)
     return StereoCalibration(first, second, None)
 
 
@@ -246,7 +235,6 @@ def array(value: Any) -> Floats:
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """The table of a YAML file."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 

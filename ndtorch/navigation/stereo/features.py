@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body
+from ndtorch.navigation.stereo._kernels import BLUR, EDGE_SIDE, SAME_EDGE
 from ndtorch.navigation.stereo.rig import StereoRig
 
 USUAL_FOCAL_BASELINE = 129.0
@@ -79,34 +80,23 @@ class MatchParams:
 
 
 class Features(NamedTuple):
-    """Features of rows, strongest first; n slots, of which `valid` tells the good ones.
+    """Features of rows, strongest first; n slots, of which `valid` tells the good ones."""
 
-    Attributes:
-        column: `[..., n]`, 0 is the leftmost pixel; whole numbers, or fractions where features are edges.
-        strength: `[..., n]`, |ND-min| there.
-        patch: `[..., n, 3]`, the row's intensities at `column - 1 .. column + 1`, or at `EDGE_SIDES` of an edge.
-        valid: `[..., n]`, bool. Slots that are not valid hold numbers without meaning.
-    """
-
+    # `[..., n]`, 0 is the leftmost pixel; whole numbers, or fractions where features are edges
     column: Tensor
-    strength: Tensor
+    strength: Tensor  # `[..., n]`, |ND-min| there
+    # `[..., n, 3]`, the row's intensities at `column - 1 .. column + 1`, or `EDGE_SIDE` from an edge
     patch: Tensor
-    valid: Tensor
+    valid: Tensor  # `[..., n]`, bool. Slots that are not valid hold numbers without meaning
 
 
 class Matches(NamedTuple):
-    """Left features and their partners, all `[..., n]`, in the order of the left features.
+    """Left features and their partners, all `[..., n]`, in the order of the left features."""
 
-    Attributes:
-        left, right: columns of the feature in the left and the right row.
-        error: squared difference of the patches, [A eq. A.2]; infinite where there is no right feature.
-        valid: bool; only there `min_disparity < left - right < max_disparity`.
-    """
-
-    left: Tensor
+    left: Tensor  # left, right: columns of the feature in the left and the right row
     right: Tensor
-    error: Tensor
-    valid: Tensor
+    error: Tensor  # squared difference of the patches, [A eq. A.2]; infinite where there is no right feature
+    valid: Tensor  # bool; only there `min_disparity < left - right < max_disparity`
 
 
 def find_features(row: Tensor, motion: Tensor, params: FeatureParams | None = None) -> Features:
@@ -176,7 +166,7 @@ def describe(row: Tensor, column: Tensor, strength: Tensor, params: FeatureParam
     """Cut the patches and drop weak and ambiguous features, and of two that meet at one edge the weaker one."""
     twin, sides = torch.zeros_like(strength, dtype=torch.bool), (-1.0, 0.0, 1.0)
     if params.edge_reach_px:
-        column, sides = edge_places(row, column, params.edge_reach_px), EDGE_SIDES
+        column, sides = edge_places(row, column, params.edge_reach_px), (-EDGE_SIDE, 0.0, EDGE_SIDE)
         same = (column.unsqueeze(-1) - column.unsqueeze(-2)).abs() < SAME_EDGE
         weaker = strength.unsqueeze(-1) < strength.unsqueeze(-2)
         equal = strength.unsqueeze(-1) == strength.unsqueeze(-2)
@@ -186,16 +176,6 @@ def describe(row: Tensor, column: Tensor, strength: Tensor, params: FeatureParam
     other.diagonal(dim1=-2, dim2=-1).fill_(math.inf)
     valid = (strength >= params.min_motion) & ~twin & (other.amin(-1) >= params.min_difference)
     return Features(column, strength, patch, valid)
-
-
-EDGE_SIDES = (-1.5, 0.0, 1.5)
-"""Where the patch of an edge is sampled, pixels from the edge: on either side of its blur, and in its middle."""
-
-SAME_EDGE = 1.5
-"""Edges less than so many pixels apart are one."""
-
-BLUR = 2
-"""Pixels on either side over which the blur of an edge reaches."""
 
 
 def edge_places(row: Tensor, column: Tensor, reach: int) -> Tensor:

@@ -26,8 +26,7 @@ from ndtorch.navigation.stereo.strips import at_rects, check_peak, checked, grey
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
 
-TAU_HIGH = 0.005
-"""Time constant of the high-pass, s, as [A] has it."""
+TAU_HIGH = 0.005  # time constant of the high-pass, s, as [A] has it
 
 
 class Ranges(NamedTuple):
@@ -147,11 +146,8 @@ class StereoRanging(nn.Module):
             # What lies left in the left row, or right in the right one, has no partner.
             inside = torch.arange(self.size[1], device=motion.device) >= self.border
             motion = motion * torch.stack((inside, inside.flip(0)))
-        column, strength, patch, valid = find_features(rows, motion, self.features)
-        one, other = (
-            Features(column[..., eye, :], strength[..., eye, :], patch[..., eye, :, :], valid[..., eye, :])
-            for eye in (0, 1)
-        )
+        eyes = (part.unbind(rows.ndim - 2) for part in find_features(rows, motion, self.features))
+        one, other = (Features(*parts) for parts in zip(*eyes, strict=True))
         return triangulate(match_features(one, other, self.matching), self.rig, self.angles), state
 
     def step(self, frames: Frames, state: Array | None) -> tuple[Ranges, Array]:

@@ -23,11 +23,8 @@ Matrix = Sequence[Sequence[float]] | Tensor | npt.NDArray[Any]
 ALIKE = 1e-3
 """Ratio of the focal length by which matrices of a rectified pair may differ: files give a few decimals."""
 
-MAX_BASELINE = 2.0
-"""Metres: a longer baseline is most often one in millimetres."""
-
-LONGEST_SIDE = 2**20
-"""Pixels of a side of a frame, at most."""
+MAX_BASELINE = 2.0  # metres: a longer baseline is most often one in millimetres
+LONGEST_SIDE = 2**20  # pixels of a side of a frame, at most
 
 
 class Rect(NamedTuple):
@@ -40,7 +37,6 @@ class Rect(NamedTuple):
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width."""
         return self.bottom - self.top, self.right - self.left
 
 
@@ -109,19 +105,15 @@ class StereoRig:
         return cls.from_projections(found.left.projection, found.right.projection, width, height, **where)
 
     @classmethod
-    def from_projections(
-        cls, left: Matrix, right: Matrix, width: int, height: int, *, baseline: float | None = None, **where: float
-    ) -> StereoRig:
+    def from_projections(cls, left: Matrix, right: Matrix, width: int, height: int, **where: float) -> StereoRig:
         """The rig of a rectified pair, from the projection matrices of both cameras.
 
         So `cv2.stereoRectify` gives them as P1 and P2, ROS as `P` of both `camera_info`, and KITTI as `P0` and `P1`
         (grey) or `P2` and `P3` (color).
 
         Args:
-            left, right: 3 x 4 numbers, the last column in pixels times metres, as rows or in one row of 12; or 3 x 3
-                with `baseline`.
+            left, right: 3 x 4 numbers, the last column in pixels times metres, as rows or in one row of 12.
             width, height: size of a frame in pixels.
-            baseline: distance between the cameras, m, where the matrices do not contain it.
             where: `camera_height`, `pitch` and `forward`, which no calibration knows.
 
         Raises:
@@ -129,12 +121,9 @@ class StereoRig:
                 cannot be.
         """
         p, q = (torch.as_tensor(matrix, dtype=torch.float64) for matrix in (left, right))
-        if p.numel() not in (9, 12) or p.numel() != q.numel() or not bool((p.sum() + q.sum()).isfinite()):
+        if not p.numel() == q.numel() == 12 or not bool((p.sum() + q.sum()).isfinite()):
             raise InputError(f"expected two finite 3 x 4 matrices, got {tuple(p.shape)} and {tuple(q.shape)}")
-        p, q = p.reshape(3, -1), q.reshape(3, -1)
-        if p.shape == (3, 3) and baseline is None:
-            raise InputError("3 x 3 matrices do not tell how far the cameras are apart: give baseline, in m")
-        p, q = p / p[2, 2], q / q[2, 2]
+        p, q = (matrix.reshape(3, 4) / matrix.reshape(3, 4)[2, 2] for matrix in (p, q))
         focal = float(p[0, 0])
         across = max(abs(float(p[1, 1]) - focal), float((p - q)[:, :3].abs().max()))
         if not (focal > 0 and across <= ALIKE * focal):
@@ -142,13 +131,13 @@ class StereoRig:
                 f"both cameras must be rectified to one focal length and one axis (with OpenCV "
                 f"CALIB_ZERO_DISPARITY); their matrices differ by {across:.3g} pixels"
             )
-        apart = float(p[0, 3] - q[0, 3]) / focal if baseline is None else baseline
+        apart = float(p[0, 3] - q[0, 3]) / focal
         if not apart > 0:
             raise InputError(f"the second matrix must be of the camera on the right, got a baseline of {apart:.3g} m")
-        if baseline is None and apart > MAX_BASELINE:
+        if apart > MAX_BASELINE:
             raise InputError(
                 f"the cameras are {apart:.3g} m apart, more than {MAX_BASELINE:g} m: is the file in mm? Divide the "
-                "last column by 1000 (unit_m=0.001 of load), or give baseline"
+                "last column by 1000 (unit_m=0.001 of load)"
             )
         return cls(apart, focal, width, height, cx=float(p[0, 2]), cy=float(p[1, 2]), **where)
 
@@ -251,21 +240,13 @@ class StereoRig:
             )
         return boxes
 
-    @property
-    def lowest_ray(self) -> float:
-        """How far the lowest row looks down, radians."""
-        return math.atan((self.height - 1 - self.center[1]) / self.focal) + self.pitch
-
-    @property
-    def floor_from(self) -> float:
-        """Depth of the nearest floor in view, m; infinite where the frames show none."""
-        down = self.lowest_ray
-        return self.camera_height / math.tan(down) if 0 < down < math.pi / 2 else 0.0 if down > 0 else math.inf
-
     def floor_hint(self, near: float) -> str:
         """What to change so that floor is in view from this depth on, m; empty where it is in view."""
-        if self.floor_from <= near:
+        down = math.atan((self.height - 1 - self.center[1]) / self.focal) + self.pitch  # of the lowest row
+        if down <= 0:
+            return "; no floor is in view: pitch the cameras farther down"
+        nearest, most = self.camera_height / math.tan(down), near * math.tan(down)
+        if down >= math.pi / 2 or nearest <= near:
             return ""
-        down = self.lowest_ray
-        height = f"mount the cameras at most {near * math.tan(down):.2f} m high, or " if down > 0 else ""
-        return f"; the nearest floor in view is {self.floor_from:.2f} m ahead: {height}pitch them farther down"
+        mount = f"mount the cameras at most {most:.2f} m high, or pitch them farther down"
+        return f"; the nearest floor in view is {nearest:.2f} m ahead: {mount}"

@@ -112,11 +112,8 @@ def search_rows(rows: Tensor, params: SearchParams) -> Matches:
     return Matches(left, right, error, left > 0)
 
 
-NEIGHBOURS = 2
-"""Disparities this near to the best one do not count as another place."""
-
-NEVER = np.float32(9.0)
-"""More than two windows can differ: where one of them leaves its row."""
+NEIGHBOURS = 2  # disparities this near to the best one do not count as another place
+NEVER = np.float32(9.0)  # more than two windows can differ: where one of them leaves its row
 
 
 @jit(exact=True)

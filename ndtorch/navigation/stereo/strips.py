@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.stereo._kernels import Array, Frames, grey_fields
+from ndtorch.navigation.stereo._kernels import Frames
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
 
 
@@ -50,7 +50,6 @@ def row_rect(rig: StereoRig, rows: int = 1) -> Rect:
 
 
 def cut(frames: Tensor, rect: Rect) -> Tensor:
-    """The pixels of a rectangle, a view."""
     return frames[..., rect.top : rect.bottom, rect.left : rect.right]
 
 
@@ -136,13 +135,6 @@ def at_rects(frames: Frames, rects: tuple[Rect, Rect], size: tuple[int, int]) ->
     if shape != one.size:
         raise wrong_size(size, one.size, frames.left.shape)
     return frames
-
-
-def read_grey(frames: Frames, rects: tuple[Rect, Rect], size: tuple[int, int]) -> Array:
-    """Grey of one rectangle of each image, `[2, h, w]`; frames are whole, of `size`, or cut to the rectangles."""
-    grey = np.empty((2, *rects[0].size), np.float32)
-    grey_fields(at_rects(frames, rects, size), 1, grey)
-    return grey
 
 
 def checked(low: Any, shape: tuple[int, ...]) -> Any:

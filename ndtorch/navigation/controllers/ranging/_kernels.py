@@ -43,8 +43,7 @@ STANDING_S, LEARNING_S, ADAPTATION_S = 0.1, 0.4, 5.0
 """The car stands at the start, to measure the noise of the cameras, drives straight on to learn what its floor looks
 like, and learns after that with this time constant, from cells that look like floor."""
 
-MIN_SIGNAL = 1.5
-"""Floor is unknown where its low threshold is less than this many times the noise."""
+MIN_SIGNAL = 1.5  # floor is unknown where its low threshold is less than this many times the noise
 
 UPRIGHT_BANDS, TRUSTED = 3, 0.25
 """An object stands where both cameras see no one floor in so many bands of a block, and none behind; the cameras must
@@ -68,11 +67,8 @@ RANGE_EVIDENCE, MISS_EVIDENCE, BLOCKED = 1.0, 0.15, 1.9
 """A cell with a range in it becomes blocked by the first; a range takes the second from each raised cell on its line of
 sight; a cell is blocked from the third on, and known floor below -0.19."""
 
-UNKNOWN = -0.1 * BLOCKED
-"""Evidence from which a cell was not seen free."""
-
-UNDER_THE_CAR = 2.0
-"""Evidence that a place under the car loses in a step."""
+UNKNOWN = -0.1 * BLOCKED  # evidence from which a cell was not seen free
+UNDER_THE_CAR = 2.0  # evidence that a place under the car loses in a step
 
 UNSEEN_SPEED, MIN_TURN_S = 0.2, 0.3
 """Highest speed into what was not seen free, m/s; and a turn lasts at least so long."""
@@ -92,75 +88,47 @@ START_FREE_M, START_GOES_ON = 0.7, 0.65
 """A car that does not know its floor yet begins where so much is free ahead, m; one that has begun learns its floor
 while this ratio of it is free: it drives 0.2 m meanwhile."""
 
-SETTLED = 0.95
-"""Noise that falls below so much of what it was a step before has not settled yet."""
+SETTLED = 0.95  # noise that falls below so much of what it was a step before has not settled yet
 
 
 class FloorState(NamedTuple):
-    """What one car has learned of the floor.
+    """What one car has learned of the floor."""
 
-    Attributes:
-        level: output of fast moving floor, `[bands]`; 0 while nothing is learned.
-        noise: output while standing.
-        age: time steps since the start.
-    """
-
-    level: Array
-    noise: float
-    age: int
+    level: Array  # output of fast moving floor, `[bands]`; 0 while nothing is learned
+    noise: float  # output while standing
+    age: int  # time steps since the start
 
 
 class RangingState(NamedTuple):
-    """State of `RangingControl`: of one car, or of several with every part `[...]` longer.
+    """State of `RangingControl`: of one car, or of several with every part `[...]` longer."""
 
-    Attributes:
-        floor: what was learned of the floor.
-        grid: what is remembered of the surroundings.
-        path: where the car has just driven.
-        mode: what the car is doing.
-        age: time steps since that began.
-        turn_side: +1 turns to the left, -1 to the right.
-        reverse_turning: 1 when reversing turns the car on towards that side, 0 when it goes back on its path or
-            straight.
-        reversed_m: metres reversed.
-        has_reversed: 1 from reversing to the next cruise: the car has backed once and now turns into what it has not
-            seen free.
-        difference: length of the free arcs on the left minus the right, m.
-    """
-
-    floor: FloorState
-    grid: LocalGrid
-    path: DrivenPath
-    mode: int
-    age: int
-    turn_side: float
+    floor: FloorState  # what was learned of the floor
+    grid: LocalGrid  # what is remembered of the surroundings
+    path: DrivenPath  # where the car has just driven
+    mode: int  # what the car is doing
+    age: int  # time steps since that began
+    turn_side: float  # +1 turns to the left, -1 to the right
+    # 1 when reversing turns the car on towards that side, 0 when it goes back on its path or straight
     reverse_turning: int
-    reversed_m: float
+    reversed_m: float  # metres reversed
+    # 1 from reversing to the next cruise: the car has backed once and now turns into what it has not seen
+    # free
     has_reversed: int
-    difference: float
+    difference: float  # length of the free arcs on the left minus the right, m
 
 
 class RangingTables(NamedTuple):
-    """All that is fixed of a step.
+    """All that is fixed of a step."""
 
-    Attributes:
-        numbers: of `RangingParams` and its grid, packed, and what `ranging_tables` derives of them.
-        flow: squared image speed of the floor at 1 m/s, pixels a step, `[bands]`.
-        profile: first guess of the level over that of near floor, `[bands]`.
-        full: ratio of its level that floor shows at full speed, `[bands]`.
-        arcs: outlines along the arcs.
-        x, y: places of the cells of floor, of the floor under the car, and of the arcs, body frame, m.
-        under: how many places there are under the car.
-    """
-
-    numbers: Array
-    flow: Array
-    profile: Array
-    full: Array
-    arcs: Primitives
+    numbers: Array  # of `RangingParams` and its grid, packed, and what `ranging_tables` derives of them
+    flow: Array  # squared image speed of the floor at 1 m/s, pixels a step, `[bands]`
+    profile: Array  # first guess of the level over that of near floor, `[bands]`
+    full: Array  # ratio of its level that floor shows at full speed, `[bands]`
+    arcs: Primitives  # outlines along the arcs
+    # x, y: places of the cells of floor, of the floor under the car, and of the arcs, body frame, m
     x: Array
     y: Array
-    under: int
+    under: int  # how many places there are under the car
 
 
 @jit
@@ -358,7 +326,6 @@ def ranging_step(
     state: RangingState,
     tables: RangingTables,
 ) -> tuple[float, float, RangingState]:
-    """`RangingControl.step`: speed, curvature and the new state."""
     noise = state.floor.noise
     lengths, state = remember(cells, ranges, pose, driven, state, tables)
     speed, curvature, state = decide(lengths, pose, driven, state, tables)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation import local_grid
-from ndtorch.navigation.body import CRUISE_SPEED, SPOT_RADIUS
+from ndtorch.navigation.body import CRUISE_SPEED, SPOT_RADIUS, Body
 from ndtorch.navigation.controllers.contract import (
     CRUISE,
     REVERSE,
@@ -24,8 +26,7 @@ from ndtorch.navigation.controllers.contract import (
 from ndtorch.navigation.controllers.ranging import _kernels as kernels
 from ndtorch.navigation.controllers.ranging._kernels import FloorState, RangingState, RangingTables
 from ndtorch.navigation.controllers.ranging.floor import BLOCKS, FloorView, floor_view
-from ndtorch.navigation.controllers.ranging.params import RangingParams
-from ndtorch.navigation.local_grid import DrivenPath, Primitives
+from ndtorch.navigation.local_grid import DrivenPath, LocalGridParams, Primitives
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
 from ndtorch.navigation.stereo._kernels import Frames, packed
@@ -37,11 +38,55 @@ from ndtorch.vision.temporal import smoothing_factor
 NEAR_INTERVAL_S, BOXED_IN_S = 0.17, 1.0
 """A car that turns looks so often for what is near; one that is boxed in forgets with the second time constant."""
 
-TURN_RATE = 0.8
-"""Radians a second of a turn on the spot, as in a tight turn of the car of [A]."""
+TURN_RATE = 0.8  # radians a second of a turn on the spot, as in a tight turn of the car of [A]
 
 STEPS, MIN_STEPS = 9, 3
 """Steps of 20 degrees of half a turn on the spot that are looked at, and fewest of them for a turn to begin."""
+
+
+@dataclass(frozen=True)
+class RangingParams:
+    """Parameters of the ranging controller.
+
+    Args:
+        speed_m_per_s: Speed ahead and in wide turns.
+        turn_radius_m: Radius of a wide turn.
+        tight_radius_m: Radius of a tight turn.
+        turn_below_m: A turn starts when less than this is free straight ahead.
+        cruise_above_m: A turn ends when this is free straight ahead.
+        min_free_m: The car drives on while this is free; with less it reverses.
+        reverse_m: Distance over which the car reverses.
+        safety_margin_m: Distance that is kept free around the body.
+        overhangs: What was ranged stays in the path although floor is seen there, as below sofas.
+        body: Outline of the car.
+        grid: Parameters of the local grid.
+
+    Raises:
+        InputError: A number is not positive.
+    """
+
+    speed_m_per_s: float = 0.5
+    turn_radius_m: float = 1.0
+    tight_radius_m: float = 0.5
+    turn_below_m: float = 1.1
+    cruise_above_m: float = 1.4
+    min_free_m: float = 0.2
+    reverse_m: float = 0.5
+    safety_margin_m: float = 0.07
+    overhangs: bool = True
+    body: Body = field(default_factory=Body)
+    grid: LocalGridParams = field(default_factory=LocalGridParams)
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive=vars(self))
+
+    @property
+    def tight_speed_m_per_s(self) -> float:
+        return min(0.4, 0.8 * self.speed_m_per_s)
+
+    @property
+    def reverse_speed_m_per_s(self) -> float:
+        return min(0.3, self.speed_m_per_s)
 
 
 @register
@@ -186,7 +231,6 @@ class RangingControl(Controller):
 def ranging_tables(
     rig: StereoRig, params: RangingParams, view: FloorView, dt: float, seen_through: float
 ) -> RangingTables:
-    """All that is fixed of a step."""
     p, g = params, params.grid
     wide, tight = 1 / p.turn_radius_m, 1 / p.tight_radius_m
     arcs = [(0.0, 1), (wide, 1), (tight, 1), (-wide, 1), (-tight, 1), (-tight, -1), (0.0, -1), (tight, -1)]
@@ -229,7 +273,6 @@ def ranging_tables(
 
 
 def spin_arcs(params: RangingParams) -> Primitives:
-    """Half a turn on the spot to the left, and one to the right."""
     arcs, step = [(1 / SPOT_RADIUS, 1), (-1 / SPOT_RADIUS, 1)], SPOT_RADIUS * math.pi / STEPS
     turns = local_grid.motion_primitives(arcs, params.body, params.safety_margin_m, SPOT_RADIUS * math.pi, step)
     # All of the outline swings into what the cameras have not ahead of them.

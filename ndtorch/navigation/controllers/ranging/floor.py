@@ -23,29 +23,22 @@ EVERY = 2
 
 
 class FloorView(NamedTuple):
-    """Geometry of the cells.
+    """Geometry of the cells."""
 
-    Attributes:
-        rects: that are read of the left and the right image: the cells, and inward of them what the other eye
-            needs to see the floor of its own cells a second time.
-        reads: columns that are read before those of the cells, in the left and the right image, and in all.
-        shape: of the pixels of the cells, `[2, h, w]`.
-        bands: how many there are, no more than rows.
-        depth: of the middle of each band ahead of the cameras, m, `[bands]`, nearest first.
-        x, y: floor at the middle of each cell in the body frame, m, `[2, bands, blocks]`, left image first.
-        sweep: image speed of the floor in each band when driving 1 m/s, pixels a second, `[bands]`.
-        shift: columns that are read, from a place of the left rectangle to that of the right one that sees the same
-            floor, in every row, `[h]`.
-    """
-
+    # that are read of the left and the right image: the cells, and inward of them what the other eye needs
+    # to see the floor of its own cells a second time
     rects: tuple[Rect, Rect]
+    # columns that are read before those of the cells, in the left and the right image, and in all
     reads: tuple[int, int, int]
-    shape: tuple[int, int, int]
-    bands: int
-    depth: Array
+    shape: tuple[int, int, int]  # of the pixels of the cells, `[2, h, w]`
+    bands: int  # how many there are, no more than rows
+    depth: Array  # of the middle of each band ahead of the cameras, m, `[bands]`, nearest first
+    # x, y: floor at the middle of each cell in the body frame, m, `[2, bands, blocks]`, left image first
     x: Array
     y: Array
-    sweep: Array
+    sweep: Array  # image speed of the floor in each band when driving 1 m/s, pixels a second, `[bands]`
+    # columns that are read, from a place of the left rectangle to that of the right one that sees the same
+    # floor, in every row, `[h]`
     shift: Array
 
 

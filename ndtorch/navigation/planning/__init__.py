@@ -1,1 +1,0 @@
-"""Planning in a local map: costmap, Dijkstra, lattice A*, and tracking of a path."""
