@@ -375,11 +375,7 @@ class Navigator(nn.Module):
 
 
 def frames_shape(left: Strips, right: Strips) -> tuple[int, ...]:
-    """Leading dimensions `[..., T]` of the frames.
-
-    Raises:
-        InputError: strips of different frames, or none.
-    """
+    """Leading dimensions `[..., T]` of the frames; raises `InputError` for strips of different frames, or none."""
     shape = getattr(left.field, "shape", ())
     for part in (*left, *right):
         if not isinstance(part, Tensor) or part.ndim < 4 or not part.shape[-4] or part.shape[:-3] != shape[:-3]:

@@ -69,9 +69,8 @@ class NavigatorOptions:
                 raise InputError(f"{name} must be {' or '.join(map(repr, words)) or kind.__name__}, got {value!r}")
         # A row has no more edges, and [A] gives 1 m/s for the car.
         if not (1 <= self.features <= 32 and 0.1 <= self.speed <= 1.0):
-            raise InputError(
-                f"features must be a whole number 1 to 32, speed 0.1 to 1, got {self.features} and {self.speed}"
-            )
+            got = self.features, self.speed
+            raise InputError(f"features must be a whole number 1 to 32 and speed 0.1 to 1, got {got}")
         controller_class(self.controller)
         place_of(self.goal)
         pose_of(self.map_start)
@@ -87,11 +86,7 @@ class NavigatorOptions:
         return pose_of(self.map_start) if self.known_map else None
 
     def params(self) -> Any:
-        """Parameters of the controller for what it is asked to do.
-
-        Raises:
-            InputError: it cannot do so.
-        """
+        """Parameters of the controller for what it is asked to do; raises `InputError` where it cannot do so."""
         from ndtorch.navigation.controllers.contract import controller_class
 
         kind, goal = controller_class(self.controller), place_of(self.goal)
@@ -133,11 +128,7 @@ class NavigatorOptions:
         )
 
     def localiser(self, rig: StereoRig, rate: float) -> Localiser | None:
-        """The localiser, or None.
-
-        Raises:
-            InputError: a known map that cannot be read, or was made without `localise`; a goal beyond its map.
-        """
+        """The localiser, or None; raises `InputError` for a known map without NDT cells and a goal beyond the map."""
         if not (self.localise or self.known_map):
             return None
         from ndtorch.navigation.localisation.localiser import CELL_M, MAP_CELLS, Localiser

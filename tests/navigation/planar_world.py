@@ -67,15 +67,6 @@ def hallway(half_width=1.0, length=14.0, seed=0, **options):
     return PlanarWorld(walls, seed=seed, **options)
 
 
-def room_with_pillars(seed=0, **options):
-    """A wide room with square pillars beside the path."""
-    walls = [[(-2, 3), (12, 3)], [(-2, -3), (12, -3)], [(12, -3), (12, 3)]]
-    for x, y, side in [(2.2, 0.8, 0.4), (3.4, -1.1, 0.5), (5.0, 0.9, 0.3), (6.5, -0.9, 0.4), (8.0, 1.0, 0.4)]:
-        a, b, c, d = (x, y), (x + side, y), (x + side, y + side), (x, y + side)
-        walls += [[a, b], [b, c], [c, d], [d, a]]
-    return PlanarWorld(walls, seed=seed, **options)
-
-
 def to_body(pose, x, y):
     """Points of the world in the body frame; pose and points broadcast."""
     cos, sin = pose.heading.cos(), pose.heading.sin()

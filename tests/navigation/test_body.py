@@ -15,15 +15,12 @@ from ndtorch.navigation import (
     Body,
     Command,
     DeadReckoning,
-    Grid,
     MatchParams,
     Navigator,
-    NavigatorOptions,
     Pose,
     RangingParams,
     SearchParams,
     StereoRig,
-    controller_names,
 )
 from ndtorch.navigation.body import SPOT_RADIUS
 from ndtorch.navigation.controllers.ranging.control import RangingControl
@@ -128,27 +125,3 @@ def test_circle_and_line():
     assert [float(part[29]) for part in poses] == pytest.approx([0, 1.0, math.pi])  # half way: 1 m to the left
     straight = DeadReckoning(1 / 30)(speed, 0 * turn, Pose(*torch.tensor([1.0, 2.0, math.pi / 2]).double()))[1]
     assert [float(v) for v in straight] == pytest.approx([1.0, 2.0 + math.pi, math.pi / 2])
-
-
-def test_coarse_steps_are_exact():
-    generator = torch.Generator().manual_seed(0)
-    speed = torch.rand(10, generator=generator, dtype=torch.float64)
-    turn = torch.randn(10, generator=generator, dtype=torch.float64)
-    _, coarse = DeadReckoning(0.5)(speed, turn)
-    _, fine = DeadReckoning(0.5 / 100)(speed.repeat_interleave(100), turn.repeat_interleave(100))
-    for a, b in zip(coarse, fine, strict=True):
-        assert float(a) == pytest.approx(float(b), abs=1e-9)
-
-
-STANDARD = StereoRig()
-
-
-@pytest.mark.parametrize("controller", controller_names())
-def test_the_navigator_has_what_was_chosen(controller: str) -> None:
-    options = NavigatorOptions(controller, features=3, angle="linear", feature_position="motion")
-    navigator = options.navigator(STANDARD, 20.0, Grid(-1, 1, -1, 1))
-    assert isinstance(navigator, Navigator)
-    assert navigator.grid_map is not None
-    assert type(navigator.controller).__module__.split(".")[3] == controller
-    assert options.fields(STANDARD) == navigator.controller.fields
-    assert options.navigator(STANDARD, 20.0).grid_map is None

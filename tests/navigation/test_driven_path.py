@@ -22,7 +22,8 @@ def drive(path, pose, moves):
 
 
 def started(x=0.0, y=0.0, heading=0.0):
-    return record(behind(0), (x, y, heading), 0.0), Pose(x, y, heading)
+    nothing = DrivenPath(np.zeros((POSES, 3), np.float32), 0)
+    return record(nothing, (x, y, heading), 0.0), Pose(x, y, heading)
 
 
 def test_it_is_as_long_as_the_way_up_to_its_end():
@@ -53,44 +54,3 @@ def test_a_car_goes_back_the_way_it_came(bend):
     assert max(away) < 0.06
     assert away[-1] < 0.015
     assert pose.heading == pytest.approx(0.7, abs=0.05)
-
-
-def behind(count, heading=0.0):
-    """So many poses along x, 5 cm apart, the newest at the origin."""
-    poses = np.zeros((POSES, 3), np.float32)
-    poses[:, 0], poses[:, 2] = -SPACING * np.arange(POSES), heading
-    return DrivenPath(poses, count)
-
-
-def at(x=0.0, y=0.0, heading=0.0):
-    return x, y, heading
-
-
-@pytest.mark.parametrize(
-    ("pose", "speed", "shift"),
-    [
-        (at(0.051), 0.5, 1),
-        (at(0.049), 0.5, 0),
-        (at(0.036, -0.036), 0.5, 1),  # however it came there
-        (at(-0.03, 0.041), 0.5, 1),
-        (at(0.051), 0.0, 0),  # who stands does not drive on
-        (at(-0.05), 0.0, -1),
-        (at(0.009), -0.3, -1),
-        (at(-0.01), -0.3, -1),
-        (at(0.011), -0.3, 0),  # not there yet
-        (at(-0.2, 0.059), -0.3, -1),
-        (at(-0.2, -0.059), -0.3, -1),
-        (at(-0.2, 0.0, 0.249), -0.3, -1),
-        (at(-0.2, 0.0, -0.249), -0.3, -1),
-    ],
-)
-def test_it_grows_by_what_is_far_enough_and_loses_what_is_passed(pose, speed, shift):
-    path = behind(10)
-    after = record(path, pose, speed)
-    assert after.size == 10 + shift
-    if shift == 1:
-        assert after.poses[0] == pytest.approx(pose, abs=1e-6)
-        assert np.array_equal(after.poses[1:], path.poses[:-1])
-    else:
-        moved = -shift
-        assert np.array_equal(after.poses[: POSES - moved], path.poses[moved:])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from ndtorch.errors import InputError
 from ndtorch.navigation import AlphaBetaTracker, DeadReckoning, Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import certainty
-from ndtorch.navigation.mapping.grid_map import LIMIT, SIDE, GridMapState
+from ndtorch.navigation.mapping.grid_map import LIMIT
 from ndtorch.navigation.mapping.map_files import FREE, OCCUPIED, UNKNOWN, load_map, save_map
 from tests.navigation.planar_world import to_body
 
@@ -97,20 +97,6 @@ def test_an_old_state_stays_as_it_was(certainty):
     assert all(a is b or a.untyped_storage().data_ptr() != b.untyped_storage().data_ptr() for a, b in tiles)
 
 
-def test_two_views_sharpen_the_map():
-    """The same point seen from two directions is more certain than either view alone."""
-    point = torch.tensor([1.5, 0.5])
-    here, there = poses([0.0, 0.0, 0.0]), poses([1.2, -0.9, math.pi / 2])
-    mapper = GridMap(RIG, GRID)
-    single, state = mapper(ranges_of(torch.stack(to_body(here, *point), -1).unsqueeze(0)), here)
-    single = single.clone()
-    both, _ = mapper(ranges_of(torch.stack(to_body(there, *point), -1).unsqueeze(0)), there, state)
-    row, column = divmod(int(both.argmax()), GRID.columns)
-    x, y = GRID.center(torch.tensor(row), torch.tensor(column))
-    assert math.hypot(float(x) - 1.5, float(y) - 0.5) < 0.02
-    assert both.max() > 1.5 * single.max()
-
-
 def test_log_odds():
     mapper = GridMap(RIG, GRID, certainty="log-odds")
     look = ranges_of([[[1.5, 0.0]]]), poses([0.0, 0.0, 0.0])
@@ -132,22 +118,6 @@ def test_log_odds():
         cells, state = mapper(*further, state)
     probability = cells.sigmoid()
     assert at(1.5, 0.0) < 0.4
-
-
-def test_tiles_hold_what_was_added_where() -> None:
-    """Against a plain tensor, for several maps at once."""
-    generator = torch.Generator().manual_seed(2)
-    rows, columns = 150, 200
-    blank, plain = torch.zeros(2, 3, SIDE, SIDE), torch.zeros(2, 3, rows, columns)
-    tiles = GridMapState(((blank,) * 4,) * 3)
-    for _ in range(5):
-        row = torch.randint(0, rows, (2, 3, 40), generator=generator)
-        column = torch.randint(0, columns, (2, 3, 40), generator=generator)
-        weight = torch.randn(2, 3, 40, generator=generator)
-        tiles = tiles.add(row, column, weight, limit=1.0)
-        plain.flatten(-2).scatter_add_(-1, row * columns + column, weight)
-        plain.clamp_(-1.0, 1.0)
-    torch.testing.assert_close(tiles.cells[..., :rows, :columns], plain)
 
 
 def test_a_state_of_another_batch_or_grid_is_refused() -> None:

@@ -19,6 +19,7 @@ from ndtorch.navigation import (
 )
 from ndtorch.navigation.controllers.published import SubfieldMotion
 from ndtorch.navigation.proximity import NOWHERE, ProximityScan
+from ndtorch.utils import tensors as tree
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from tests.compilers import compiles
 
@@ -52,11 +53,7 @@ def full_navigator(controller="published", backend="torch", **options):
 
 def leaves(state):
     """All tensors of a nested state, in order."""
-    if isinstance(state, torch.Tensor):
-        return [state.clone()]
-    if isinstance(state, np.ndarray | float | int):
-        return [torch.as_tensor(state)]
-    return [] if state is None else [leaf for part in state for leaf in leaves(part)]
+    return [torch.as_tensor(leaf).clone() for leaf in tree.leaves(state).values()]
 
 
 def test_subfield_motion_against_its_definition():
@@ -108,17 +105,6 @@ def test_uint8_float_grey_and_strips_agree():
     torch.testing.assert_close(cut, bytes_)
     for a, b in zip(leaves(cut_state), leaves(state), strict=True):
         assert torch.equal(a, b)
-
-
-def test_pose_follows_the_commands_or_what_was_driven():
-    left, right = frames(8, steps=10)
-    navigator = Navigator(RIG, DT, controller="published")
-    command, state = navigator(left, right)
-    # The last command has not been driven yet.
-    assert float(state.pose.x) == pytest.approx(float(command.speed[:-1].sum()) * DT, rel=1e-5)
-    driven = Command(torch.full((10,), 0.2), torch.full((10,), 0.0))
-    _, state = navigator(left, right, driven=driven)
-    assert float(state.pose.x) == pytest.approx(0.2 * 10 * DT, rel=1e-5)
 
 
 @compiles

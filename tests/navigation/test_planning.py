@@ -108,15 +108,6 @@ def test_a_car_backs_on_arcs_of_any_turning_radius_where_floor_was_seen(radius):
     assert (planned(unseen, (-3.2, 1.6), params=params).path[:, 4] == 1).all()
 
 
-def test_clearance_is_the_distance_to_what_is_blocked():
-    around = world((0.0, 0.05, 0.0, 0.05))
-    clear, (row, column) = clearance(around.blocked, CELL), around.cells_of(0.01, 0.01)
-    assert clear[row, column] == 0
-    assert clear[row, column + 10] == pytest.approx(10 * CELL)
-    assert clear[row + 6, column - 8] == pytest.approx(10 * CELL, rel=0.03)
-    assert (clearance(np.zeros((3, 4), bool), CELL) == 99.0).all()
-
-
 def test_exploring_ends_where_nothing_is_left_and_goes_through_no_wall():
     visited = np.zeros((SIDE, SIDE), bool)
     assert math.isfinite(explored(world(), visited).cost)
@@ -176,18 +167,6 @@ def test_pure_pursuit_aims_at_the_point_so_far_along_the_path_and_straight_on_be
         assert aim.direction == 1.0
         assert aim.curvature == pytest.approx(arc_to(pose, target), abs=1e-4)
         assert abs(pure_pursuit(PATH, 0, pose, ahead, 0.1).curvature) <= 0.1
-
-
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-@pytest.mark.parametrize(("before", "reached"), [(0.021, 0), (0.019, 1), (-0.1, 1)])
-def test_a_point_is_reached_2_cm_before_the_line_across_the_path(before, reached, direction):
-    """The line is at right angles to the heading there, wherever aside the car is."""
-    turned = 0.5
-    cos, sin = math.cos(turned), math.sin(turned)
-    path = np.array([[direction * 0.2 * n * cos, direction * 0.2 * n * sin, turned, 0, direction, 1] for n in range(4)])
-    for aside in (0.3, -0.3):
-        x = direction * (0.2 - before)
-        assert pure_pursuit(path, 0, (x * cos - aside * sin, x * sin + aside * cos, turned), 0.3, WIDE).at == reached
 
 
 def test_beyond_the_end_of_a_stretch_the_next_one_begins_and_beyond_the_last_none():

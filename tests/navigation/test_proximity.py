@@ -108,18 +108,3 @@ def test_what_would_hide_the_floor_that_is_seen_is_not_there(depth, y):
     assert left_of(depth, y, count=1) == 0
     assert left_of(depth, y, SHUT) == 6  # what stands there hides it
     assert left_of(depth, y, count=12) == 12  # what hangs hides none
-
-
-def ranged(depth, y, count=1):
-    return Obstacles(np.full(count, RIG.forward + depth, np.float32), y + 0.2 * np.arange(count, dtype=np.float32))
-
-
-@pytest.mark.parametrize("disparity", [140, 220, 400])
-def test_equal_steps_of_other_brightness_are_two_things(disparity):
-    columns = np.arange(RIG.width)
-    noise = np.random.default_rng(0).uniform(-0.01, 0.01, RIG.width)
-    row = 0.2 + 0.2 * (columns >= 460) + noise
-    same, brighter = np.roll(row, -disparity), np.roll(row, -disparity) + 0.4
-    left, right, other = (torch.from_numpy(line).float()[None, None] for line in (row, same, brighter))
-    assert len(CHECK.obstacles(as_frames(left, right)).x) > 0
-    assert len(CHECK.obstacles(as_frames(left, other)).x) == 0

@@ -127,11 +127,6 @@ def test_cameras_may_differ_in_exposure_and_walls_may_slant():
     found = search_rows(bright, SearchParams())
     assert found.valid.all()
     assert ((shifts(found) - 90).abs() < 0.3).all()
-    dim = 0.3 + 0.05 * bright  # hardly any texture: most of what there is to compare is the level
-    dim[1] *= 1.1
-    assert ((shifts(search_rows(dim, SearchParams(min_step_ratio=0))) - 90).abs() < 0.3).all()
-    unleveled = shifts(search_rows(dim, SearchParams(min_step_ratio=0, mean_half_width_px=0)))
-    assert not ((unleveled - 90).abs() < 0.3).all() or len(unleveled) == 0
     row = torch.nn.functional.avg_pool1d(row[None, None], 5, 1, 2)[0, 0]
     place = torch.arange(640.0) * 1.2 + 60  # what each pixel of the right row shows: disparities grow with the column
     low = place.long().clamp(max=898)
@@ -139,6 +134,3 @@ def test_cameras_may_differ_in_exposure_and_walls_may_slant():
     found = search_rows(slanted, SearchParams(min_step_ratio=0))
     assert found.valid.all()
     assert ((found.right - (found.left - 60) / 1.2).abs() < 1).all()
-
-
-# Every kind is compiled, for seconds; frames of cameras are of whole numbers.

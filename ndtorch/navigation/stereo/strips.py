@@ -38,11 +38,7 @@ def cut_strips(frames: Tensor, field: Rect, rig: StereoRig, rows: int = 1) -> St
 
 
 def row_rect(rig: StereoRig, rows: int = 1) -> Rect:
-    """The horizon row as a rectangle, or an odd number of rows with it in the middle.
-
-    Raises:
-        InputError: rows beyond the border of the frame.
-    """
+    """The horizon row as a rectangle, or an odd number of rows with it in the middle, within the frame."""
     top, bottom = rig.row - rows // 2, rig.row + rows // 2 + 1
     if rows < 1 or top < 0 or bottom > rig.height:
         raise InputError(f"{rows} rows around the horizon, row {rig.row}, leave frames of {rig.height} rows")

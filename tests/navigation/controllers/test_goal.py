@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import copy
 import math
 
 import numpy as np
 import pytest
 
-from ndtorch.navigation import ARRIVED, CRUISE, Body, Command, NavigatorOptions, Pose, StereoRig
+from ndtorch.navigation import ARRIVED, CRUISE, Body, Command, Pose, StereoRig
 from ndtorch.navigation.controllers.goal import (
     DONE,
-    EXPLORE,
     GOAL,
     HOME,
     REACTION_S,
@@ -20,7 +18,6 @@ from ndtorch.navigation.controllers.goal import (
     GoalParams,
     next_task,
 )
-from ndtorch.navigation.controllers.ranging._kernels import BLOCKED
 from ndtorch.navigation.local_grid import LocalGridParams, cell_index, empty_grid, unrolled
 from ndtorch.navigation.odometry import arc
 from ndtorch.navigation.stereo.ranging import Ranges
@@ -81,17 +78,6 @@ def test_a_differential_drive_turns_on_the_spot_to_a_goal_behind_it(goal):
     assert driven < 1.2 * left
 
 
-def test_the_same_state_gives_the_same_step_and_stays_as_it_was():
-    control = made(goal=(3.0, 0.0))
-    pose, state, command = drive(control, 30)
-    kept = copy.deepcopy(state)
-    one, two = (control.step(floor(), nothing(), pose, command, state) for _ in range(2))
-    assert one[0] == two[0]
-    assert np.array_equal(one[1].path, two[1].path)
-    assert np.array_equal(kept.reactive.grid.evidence, state.reactive.grid.evidence)
-    assert np.array_equal(kept.path, state.path)
-
-
 def test_a_ranged_wall_is_driven_around():
     control = made(goal=(3.0, 0.0))
     pose, state, command = drive(control, 20)
@@ -105,26 +91,6 @@ def test_a_ranged_wall_is_driven_around():
     beside = path[np.abs(path[:, 0] - 1.6) < 0.2]
     assert len(beside)
     assert np.abs(beside[:, 1]).min() > 0.3
-
-
-def test_no_speed_is_above_that_of_the_task():
-    control = GoalControl(RIG, DT, NavigatorOptions("goal", speed=0.25).params())
-    params, slow = control.params, control.reactive
-    speeds = (params.tight_speed_m_per_s, params.unknown_speed_m_per_s, slow.speed_m_per_s, slow.reverse_speed_m_per_s)
-    assert params.speed_m_per_s == 0.25
-    assert max(speeds) <= 0.25
-
-
-def test_tasks_follow_each_other():
-    control = made(goal=(0.2, 0.0), explore=True, return_home=True)
-    state = control.start(floor(), HOME_POSE)
-    tasks = [state.task]
-    while state.task != DONE:
-        state = next_task(state)
-        tasks.append(state.task)
-    assert tasks == [GOAL, EXPLORE, HOME, DONE]
-    assert made().start(floor(), HOME_POSE).task == EXPLORE
-    assert made(return_home=True).start(floor(), HOME_POSE).task == HOME
 
 
 def blind(state):
@@ -163,20 +129,6 @@ def test_another_goal_takes_the_place_of_all_tasks_and_belongs_to_the_state():
     assert (state.task, next_task(state).task, state.mode == ARRIVED) == (GOAL, DONE, False)
     assert control.task_goal(state) == pytest.approx((1.0 + 1.5, 3.0))
     assert control.task_goal(before._replace(task=GOAL)) == pytest.approx((1.0, 0.2))
-
-
-def test_obstacles_are_driven_through_at_a_price_to_a_goal_and_not_at_all_when_exploring():
-    costs, pose = [], (0.3, -0.2, 0.1)
-    for params in ({"goal": (2.0, 0.0)}, {"explore": True}):
-        control = made(**params)
-        for evidence in (-BLOCKED, BLOCKED):
-            state = control.start(floor(), Pose(*pose))
-            state.reactive.grid.evidence[:] = evidence
-            state.visited.evidence[:, ::2] = 1
-            planned = control.replan(state, pose)
-            costs.append(planned.points)
-    assert costs[0] == pytest.approx(1 + math.dist(pose[:2], (2.0, 0.0)) / 0.2, abs=1.5)
-    assert costs[3] == 0
 
 
 def on_a_path():

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ndtorch.navigation import STOPPED, AvoidanceParams, StereoRig
+from ndtorch.navigation import AvoidanceParams, StereoRig
 from ndtorch.navigation.controllers.published import CompiledPublished, SaccadeAvoidance, avoidance
 
 DT = 1 / 30
@@ -58,18 +58,6 @@ def test_against_the_scalar_machine(seed, from_start):
     wanted = torch.tensor(scalar_machine(sides.tolist(), params), dtype=torch.float64)
     torch.testing.assert_close(command.speed.double(), wanted[:, 0])
     torch.testing.assert_close(command.curvature.double(), wanted[:, 1])
-
-
-def test_standing_goes_before_turning():
-    """Both sides are still, but the smoothed difference would turn the car: it stops, and does not turn."""
-    machine = SaccadeAvoidance(DT, AvoidanceParams(start_suppression_s=0.2, smoothing_s=10.0))
-    sides = torch.tensor([[0.5, 0.3]] * 4 + [[0.02, 0.02]] * 8)
-    command, state = machine(sides)
-    assert abs(float(state.difference)) > machine.params.turn_threshold
-    assert command.speed[:6].eq(0.5).all()
-    assert command.speed[6:].eq(0.0).all()
-    assert command.curvature.eq(0.0).all()
-    assert machine.mode(state) == STOPPED
 
 
 def test_chunks_batches_and_precision():

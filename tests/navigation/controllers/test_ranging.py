@@ -3,10 +3,8 @@
 import copy
 
 import numpy as np
-import pytest
 
-from ndtorch.navigation import CRUISE, REVERSE, STOPPED, SUPPRESSED, TURN, Command, Pose, Ranges, StereoRig
-from ndtorch.navigation.controllers.ranging._kernels import next_mode
+from ndtorch.navigation import CRUISE, REVERSE, SUPPRESSED, TURN, Command, Pose, Ranges, StereoRig
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor import BLOCKS, floor_view
 from ndtorch.navigation.odometry import arc
@@ -81,17 +79,6 @@ def test_drives_straight_over_open_floor():
     assert (commands[:, 1] == 0).all()
 
 
-def half_hidden(side):
-    """After a second the floor of one side ends 0.8 m ahead."""
-
-    def look(pose, n):
-        depth = np.full((2, BLOCKS), 9.0)
-        depth[side] = 0.8 if n > 30 else 9.0
-        return depth
-
-    return look
-
-
 def test_turns_before_a_wall_and_goes_on():
     poses, _, modes = run(wall_ahead(4.0), 330)
     assert float(poses[:, 0].max()) < 4.0 - 0.3  # half the body's length and a little
@@ -142,44 +129,3 @@ def test_a_state_is_never_written():
         for ours, theirs in zip(before[:3], now[:3], strict=True):
             assert all(np.array_equal(a, b) for a, b in zip(ours, theirs, strict=True))
         assert before[3:] == now[3:]
-
-
-@pytest.mark.parametrize(("side", "away"), [(0, -1), (1, 1)])
-def test_turns_away_from_hidden_floor(side, away):
-    _, commands, modes = run(half_hidden(side), 60)
-    turns = commands[:, 1][commands[:, 1] != 0]
-    assert TURN in modes[33:43]  # four frames for each cell, and it has to be near
-    assert len(turns) > 10
-    assert (np.sign(turns) == away).all()
-
-
-FACTS = "learning", "blocked_ahead", "clear", "blocked_sides", "reverse_done", "blocked_rear"
-
-
-@pytest.mark.parametrize(
-    ("mode", "true", "then"),
-    [
-        (SUPPRESSED, ["learning"], SUPPRESSED),
-        (SUPPRESSED, ["learning", "blocked_ahead", "blocked_sides"], SUPPRESSED),
-        (SUPPRESSED, [], CRUISE),
-        (SUPPRESSED, ["blocked_ahead"], TURN),
-        (CRUISE, [], CRUISE),
-        (CRUISE, ["blocked_sides", "blocked_rear"], CRUISE),
-        (CRUISE, ["blocked_ahead"], TURN),
-        (CRUISE, ["blocked_ahead", "blocked_sides"], REVERSE),
-        (CRUISE, ["blocked_ahead", "blocked_sides", "blocked_rear"], STOPPED),
-        (TURN, ["blocked_ahead"], TURN),
-        (TURN, [], TURN),
-        (TURN, ["clear"], CRUISE),
-        (TURN, ["blocked_ahead", "blocked_sides"], REVERSE),
-        (TURN, ["blocked_ahead", "blocked_sides", "blocked_rear"], STOPPED),
-        (REVERSE, ["blocked_ahead", "blocked_sides"], REVERSE),
-        (REVERSE, ["blocked_ahead", "blocked_sides", "blocked_rear"], REVERSE),
-        (REVERSE, ["blocked_ahead", "blocked_sides", "reverse_done"], TURN),
-        (STOPPED, ["blocked_ahead", "blocked_sides", "blocked_rear"], STOPPED),
-        (STOPPED, ["blocked_ahead", "blocked_sides"], REVERSE),
-        (STOPPED, ["blocked_ahead"], TURN),
-    ],
-)
-def test_transitions(mode, true, then):
-    assert next_mode(mode, *(fact in true for fact in FACTS)) == then
