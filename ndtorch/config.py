@@ -67,9 +67,9 @@ class Constants(Strict):
 class ModelConfig(Constants):
     """What every model's config.toml says; each kind adds a table for every choice that it makes."""
 
-    model: str = Field(description="kind of the model")
-    size: Size = Field(description="height and width of the frames, pixels")
-    fps: float = Field(gt=0, le=100_000, description="frames a second")
+    model: str = Field(description="Kind of the model.")
+    size: Size = constant((500, 500), "Height and width of the frames, pixels.")
+    fps: float = constant(100.0, "Frames a second.", gt=0, le=100_000)
 
 
 Kind = TypeVar("Kind", bound=ModelConfig)

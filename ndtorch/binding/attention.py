@@ -90,11 +90,8 @@ class Attention(nn.Module):
         table: ObjectTable,
         state: FilterState | None = None,
     ) -> tuple[Enhanced, FilterState]:
-        given = {"frames": (frames, 4), "images": (images, 4), "outputs": (outputs, 2), "scale": (scale, 2)}
-        for name, (value, dims) in given.items():
+        for name, value in {"frames": frames, "images": images, "outputs": outputs, "scale": scale}.items():
             check_tensor(name, value)
-            if value.ndim < dims:
-                raise InputError(f"{name} must have at least {dims} dimensions, got {tuple(value.shape)}")
         if images.shape[-3] != 10 or images.shape[-2:] != frames.shape[-2:]:
             raise InputError(
                 f"images must be [..., T, 10, H, W] for frames {tuple(frames.shape)}, got {tuple(images.shape)}"

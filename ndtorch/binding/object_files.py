@@ -218,7 +218,11 @@ def object_file_step(low: Tensor, state: ObjectFileState, windows: ObjectFiles) 
     away = windows.offset(windows.centers - place.unsqueeze(-2))  # [..., K, F, 2]
     window = torch.exp(-away.square().sum(-1) / (2 * p.window**2)) * state.open.unsqueeze(-1)
     shared = window * window / (window.sum(-2, keepdim=True) + CROWD)
-    own = safe_sqrt(own_direction(state, windows) @ motion.mT)  # [..., K, F]
+    # How much each of the four motion signals counts: all alike while a window is young.
+    speed = state.velocity.norm(dim=-1, keepdim=True)
+    along = (state.velocity / speed.clamp_min(1e-6)) @ windows.directions.to(speed.dtype).mT
+    sure = ((state.age.unsqueeze(-1) - AIM) / AIMED).clamp(0, 1) * (speed > SLOW * p.fastest)
+    own = safe_sqrt((sure * along.clamp_min(0).square() + (1 - sure)) @ motion.mT)  # [..., K, F]
     weight = shared * own
     seen = state.open & ((window * own).amax(-1) > torch.maximum(p.visible * peak, median).unsqueeze(-1))
     towards = (weight.unsqueeze(-1) * away).sum(-2) / weight.sum(-1, keepdim=True).clamp_min(tiny)
@@ -257,16 +261,6 @@ def object_file_step(low: Tensor, state: ObjectFileState, windows: ObjectFiles) 
     return opened(now._replace(open=state.open & ~closing, place=place), energy, median, windows)
 
 
-def own_direction(state: ObjectFileState, windows: ObjectFiles) -> Tensor:
-    """How much each of the four motion signals counts for a window, `[..., K, 4]`: all alike while it is young."""
-    p = windows.params
-    speed = state.velocity.norm(dim=-1, keepdim=True)
-    along = (state.velocity / speed.clamp_min(1e-6)) @ windows.directions.to(speed.dtype).mT
-    sure = ((state.age.unsqueeze(-1) - AIM) / AIMED).clamp(0, 1) * (speed > SLOW * p.fastest)
-    counts: Tensor = sure * along.clamp_min(0).square() + (1 - sure)
-    return counts
-
-
 def closed(state: ObjectFileState, windows: ObjectFiles) -> tuple[Tensor, Tensor]:
     """ObjectFiles to be closed, `[..., K]`: lost, never confirmed, or following the object of an older one; and places.
 
@@ -297,8 +291,9 @@ def opened(state: ObjectFileState, energy: Tensor, median: Tensor, windows: Obje
     p = windows.params
     away = windows.offset(windows.centers - state.place.unsqueeze(-2)).norm(dim=-1)
     claimed = ((away < CLAIM) & state.open.unsqueeze(-1)).any(-2)
-    grid = energy.reshape(*energy.shape[:-1], *windows.grid)
-    summit = local_maximum(grid, windows.border).flatten(-2)
+    grid = energy.reshape(-1, 1, *windows.grid)
+    padded = F.pad(grid, (1, 1, 1, 1), mode="circular" if windows.border == "wrap" else "replicate")
+    summit = (F.max_pool2d(padded, 3, 1) == grid).reshape(energy.shape)  # no neighbor exceeds it
     free = torch.where(claimed | ~summit, 0.0, energy)
     height, where = free.max(-1)
     wanted = (height > p.birth * state.peak) & (height > CONTRAST * median)
@@ -315,13 +310,6 @@ def opened(state: ObjectFileState, energy: Tensor, median: Tensor, windows: Obje
         unseen=torch.where(new, 0.0, state.unseen),
         covariance=torch.where(new[..., None, None], 0.0, state.covariance),
     )
-
-
-def local_maximum(energy: Tensor, border: Border) -> Tensor:
-    """Fields that no neighbour exceeds, `[..., R, C]` bool."""
-    flat = energy.reshape(-1, 1, *energy.shape[-2:])
-    padded = F.pad(flat, (1, 1, 1, 1), mode="circular" if border == "wrap" else "replicate")
-    return (F.max_pool2d(padded, 3, 1) == flat).reshape(energy.shape)
 
 
 def sample_step(

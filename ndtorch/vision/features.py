@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import torch
 from torch import Tensor, nn
@@ -99,8 +98,9 @@ class VisualFeatures(nn.Module):
         kind = torch.float64 if frames.dtype == torch.float64 else torch.float32
         if kernels and (state is None or (state.slow.shape == self.size and state.slow.dtype == kind)):
             return self._one_pass(frames, state, kind)
-        sums = []
-        for block in self._blocks(frames):
+        sums, pixels = [], CPU_PIXELS if frames.is_cpu else CUDA_PIXELS
+        for some in torch.split(frames, max(1, pixels // frames[..., 0, 0, :, :].numel()), -4):
+            block = as_float(some)
             # In this order, every plane is used while it is still in the cache.
             color = block.sum((-1, -2))
             image = grey(block)
@@ -130,14 +130,6 @@ class VisualFeatures(nn.Module):
         image = grey(frame)
         motion = self.motion.images(image - state.slow, state.delayed)
         return torch.cat([motion, self.orientation.images(image).abs(), frame], -3)
-
-    def _blocks(self, frames: Tensor) -> Iterator[Tensor]:
-        """Float pieces of a few frames, sized for the cache of a CPU or for a GPU."""
-        pixels = CPU_PIXELS if frames.device.type == "cpu" else CUDA_PIXELS
-        one = frames[..., 0, 0, :, :].numel()
-        length = max(1, pixels // one)
-        for start in range(0, frames.shape[-4], length):
-            yield as_float(frames[..., start : start + length, :, :, :])
 
     def _one_pass(self, frames: Tensor, state: MotionState | None, kind: torch.dtype) -> tuple[Tensor, MotionState]:
         """The sums of `[T, 3, H, W]` by kernels: the motion, the colors and thinned grey images in one pass."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import torch
@@ -16,7 +17,7 @@ from ndtorch.binding.network import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFiles, ObjectFileState
 from ndtorch.binding.objects import BoundObject, features_by_group
-from ndtorch.config import Constants, ModelConfig, Size, constant
+from ndtorch.config import Constants, ModelConfig, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures
 from ndtorch.vision.frames import frames_in
@@ -41,8 +42,6 @@ class RetinotopicConfig(ModelConfig):
     """Constants of the model."""
 
     model: Literal["retinotopic"] = constant("retinotopic", "Kind of the model.")
-    size: Size = constant((500, 500), "Height and width of the frames, pixels.")
-    fps: float = constant(100.0, "Frames a second.", gt=0, le=100_000)
     border: Border = constant("wrap", "Border: wrap for toroidal scenes, reflect for video.")
     fields: LocalFields = Field(default_factory=LocalFields)
     readout: SingleReadout = Field(default_factory=SingleReadout)
@@ -145,7 +144,16 @@ class RetinotopicModel(BindingModel):
         batch = w.age.shape[:-1]
         flat = [part.reshape(-1, *part.shape[len(batch) :]) for part in parts]
         now = (int(w.steps) - 1) * self.dt
-        return by_trial([located(*trial, now) for trial in zip(*flat, strict=True)], tuple(batch))
+        trials = list[list[BoundObject]]()
+        for trial in zip(*flat, strict=True):
+            found = list[BoundObject]()
+            for k in trial[0].nonzero().flatten().tolist():
+                row, index, place, velocity, age, unseen = (part[k].tolist() for part in trial[1:])
+                kept = {name: value for name, value in zip(FEATURES, row, strict=True) if value > 0}
+                thing = BoundObject(FEATURES[index], index, kept, tuple(place), tuple(velocity), track=k)
+                found.append(replace(thing, first_seen=now - age, last_seen=now - unseen))
+            trials.append(sorted(found, key=lambda thing: thing.first_seen or 0.0))
+        return by_trial(trials, tuple(batch))
 
     def verdict(self, state: RetinotopicState) -> Nested:
         """`static` without any motion so far, `stable` when every object was followed for `tau_bind`."""
@@ -184,26 +192,3 @@ def owner_column(covariances: Tensor, first_stage: Tensor) -> tuple[Tensor, Tens
     shared = gain @ divide(covariances, scale.unsqueeze(-1) * scale.unsqueeze(-2)) @ gain.mT
     owner = shared.diagonal(dim1=-2, dim2=-1).argmax(-1)
     return owner, shared.gather(-1, owner[..., None, None].expand(*shared.shape[:-1], 1)).squeeze(-1)
-
-
-def located(*trial: Any) -> list[BoundObject]:
-    """The objects of one trial."""
-    confirmed, features, owner, place, velocity, age, unseen, now = trial
-    found = []
-    for k in confirmed.nonzero().flatten().tolist():
-        kept = {name: float(v) for name, v in zip(FEATURES, features[k], strict=True) if v > 0}
-        (column, row), (right, down) = place[k].tolist(), velocity[k].tolist()
-        index = int(owner[k])
-        found.append(
-            BoundObject(
-                FEATURES[index],
-                index,
-                kept,
-                place=(column, row),
-                velocity=(right, down),
-                first_seen=now - float(age[k]),
-                last_seen=now - float(unseen[k]),
-                track=k,
-            )
-        )
-    return sorted(found, key=lambda thing: thing.first_seen or 0.0)

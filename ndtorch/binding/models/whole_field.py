@@ -18,7 +18,7 @@ from ndtorch.binding.normalise import BindingInputs, InputState, Order
 from ndtorch.binding.objects import ObjectTable, bound_objects, object_table
 from ndtorch.binding.rules import RULES, Rule, ScaleFreeRule, learning_rule
 from ndtorch.binding.sources import SourceEstimator, SourceParams, SourceState
-from ndtorch.config import Constants, Deviations, ModelConfig, Size, constant
+from ndtorch.config import Constants, Deviations, ModelConfig, constant
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.frames import frames_in
@@ -54,8 +54,6 @@ class Normalise(Constants):
 class WholeFieldConfig(ModelConfig):
     """What both configs say first."""
 
-    size: Size = constant((500, 500), "Height and width of the frames, pixels.")
-    fps: float = constant(100.0, "Frames a second.", gt=0, le=100_000)
     border: Border = constant("wrap", "Border: wrap for toroidal scenes, reflect for video.")
     fields: WholeField = Field(default_factory=WholeField, description="One field, as wide as the frame.")
     normalise: Normalise = Field(default_factory=Normalise)
