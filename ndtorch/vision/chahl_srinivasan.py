@@ -42,18 +42,11 @@ def row_shift(earlier: Tensor, later: Tensor, min_contrast: float = 1e-3) -> Ten
     """
     check_tensor("earlier", earlier, meta=True)
     check_tensor("later", later, meta=True)
-    if earlier.device != later.device:
-        raise InputError(f"earlier and later must be on one device, got {earlier.device} and {later.device}")
     if earlier.ndim < 3 or later.ndim < 3 or earlier.shape[-3:] != later.shape[-3:] or earlier.shape[-1] < 3:
         raise InputError(
             f"earlier and later must be of one shape [..., C, H, W >= 3], "
             f"got {tuple(earlier.shape)} and {tuple(later.shape)}"
         )
-    return shift_between(earlier, later, min_contrast)
-
-
-def shift_between(earlier: Tensor, later: Tensor, min_contrast: float) -> Tensor:
-    """`row_shift` of frames that were checked already."""
     right, left = earlier[..., :-2], earlier[..., 2:]  # copies shifted to the right and to the left
     slope = right - left
     change = (later - earlier)[..., 1:-1]
@@ -91,5 +84,5 @@ class ChahlSrinivasan(nn.Module):
             raise InputError(f"x must be at least 3 pixels wide, got shape {tuple(x.shape)}")
         first = x.select(-4, 0) if state is None else state.last
         frames, steps = torch.cat([first.unsqueeze(-4), x], -4), x.shape[-4]
-        shift = shift_between(frames.narrow(-4, 0, steps), frames.narrow(-4, 1, steps), self.min_contrast)
+        shift = row_shift(frames.narrow(-4, 0, steps), frames.narrow(-4, 1, steps), self.min_contrast)
         return shift.unsqueeze(-1), ShiftState(x.select(-4, -1))

@@ -44,11 +44,6 @@ def correlate(high: Tensor, delayed: Tensor, dim: int) -> Tensor:
     return torch.addcmul(forward, high.narrow(dim, 0, n), delayed.narrow(dim, 1, n), value=-1)
 
 
-def wrapped_edge(image: Tensor, dim: int) -> Tensor:
-    """Last and first line along `dim`, the neighbours that a torus adds."""
-    return torch.cat([image.narrow(dim, -1, 1), image.narrow(dim, 0, 1)], dim)
-
-
 def signed_sums(high: Tensor, delayed: Tensor, border: Border) -> Tensor:
     """Sums of the opponent correlation and of its magnitude along rows, then along columns, `[..., 4]`."""
     sums = []
@@ -112,12 +107,12 @@ class HassensteinReichardt(nn.Module):
         """Feature images `[..., 4, H, W]` from PH and PHL `[..., H, W]`."""
         signed = []
         for dim in (-1, -2):
-            inner = correlate(high, delayed, dim)
-            if self.border == "wrap":
-                edge = correlate(wrapped_edge(high, dim), wrapped_edge(delayed, dim), dim)
+            if self.border == "wrap":  # the first line follows the last one
+                fast, late = (torch.cat([image, image.narrow(dim, 0, 1)], dim) for image in (high, delayed))
+                signed.append(correlate(fast, late, dim))
             else:
-                edge = torch.zeros_like(high.narrow(dim, 0, 1))
-            signed.append(torch.cat([inner, edge], dim))
+                inner = correlate(high, delayed, dim)
+                signed.append(torch.cat([inner, torch.zeros_like(high.narrow(dim, 0, 1))], dim))
         right, down = signed
         return torch.stack([-right, right, down, -down], -3).clamp_min(0)
 

@@ -188,18 +188,14 @@ class OrientedDoG(nn.Module):
 
     def images(self, image: Tensor) -> Tensor:
         """Signed responses `[..., 3, H, W]` to grey images `[..., H, W]`, exact."""
-        response = self.responses(self._pad(image))
+        image = self._pad(image).unsqueeze(-3)
+        response: Tensor
+        if self.exact_filter is not None:
+            response = self.exact_filter(image)
+        else:
+            response = torch.fft.irfft2(torch.fft.rfft2(image) * self.spectrum, s=self.padded)
         top, left = self.margin
         return response[..., top : top + self.size[0], left : left + self.size[1]]
-
-    def responses(self, image: Tensor) -> Tensor:
-        """The same of images that have their mirrored margins already, and with margins around what comes out."""
-        if self.exact_filter is not None:
-            exact: Tensor = self.exact_filter(image.unsqueeze(-3))
-            return exact
-        spectrum = torch.fft.rfft2(image).unsqueeze(-3) * self.spectrum
-        response: Tensor = torch.fft.irfft2(spectrum, s=self.padded)
-        return response
 
     @property
     def spectrum(self) -> Tensor:
@@ -236,19 +232,15 @@ class OrientedDoG(nn.Module):
         rows, columns = self.row_weights.to(size.dtype), self.column_weights.to(size.dtype)
         return (rows[:, None, None] @ (size @ columns[:, None, :, None])).sum((-4, -2, -1))
 
-    def magnitudes(self, image: Tensor) -> Tensor:
-        """Magnitudes on the two coarse grids, `[..., 2, 3, h, w]`, of grey images `[..., H, W]`.
-
-        Every value stands for the pixels around its place (`places`): summed up they are the sums of `sums`.
-        """
-        return self.magnitudes_of_thinned(self.thinned(image))
-
     def thinned(self, image: Tensor) -> Tensor:
         """Grey images with their mirrored margins and fewer rows and columns, see `thinning`."""
         return thin_columns(thin_rows(self._pad(image), self.blocks[0]), self.blocks[1])
 
     def magnitudes_of_thinned(self, image: Tensor) -> Tensor:
-        """`magnitudes` of images `[..., h, w]` as of `thinned`."""
+        """Magnitudes on the two coarse grids, `[..., 2, 3, h, w]`, of images as of `thinned`.
+
+        Every value stands for the pixels around its place (`places`): summed up they are the sums of `sums`.
+        """
         if self.fast_filter is not None:
             fast: Tensor = self.fast_filter(image[..., None, None, :, :])
             return fast.abs()

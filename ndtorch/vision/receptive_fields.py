@@ -100,15 +100,11 @@ class LocalFeatures(nn.Module):
             weights = field_weights(torch.arange(length) + 1.0, length, count, self.border)
             self.register_buffer(f"{name}_between", weights)
         # Where the coarse responses of the orientation filters lie, and how much of each counts.
-        for name, length, count, places, inside in zip(
-            ("dog_rows", "dog_columns"),
-            features.size,
-            self.grid,
-            features.orientation.places(),
-            (features.orientation.row_weights, features.orientation.column_weights),
-            strict=True,
-        ):
-            mirrored = self.border == "reflect"
+        filters, mirrored = features.orientation, self.border == "reflect"
+        lines = zip(
+            filters.places(), (filters.row_weights, filters.column_weights), features.size, self.grid, strict=True
+        )
+        for name, (places, inside, length, count) in zip(("dog_rows", "dog_columns"), lines, strict=True):
             kept = places.clamp(0, length) if mirrored else places
             weights = torch.stack([field_weights(p, length, count, self.border) for p in kept])
             if mirrored:  # on a torus nothing lies outside
@@ -144,6 +140,7 @@ class LocalFeatures(nn.Module):
 
     def _orientation(self, image: Tensor) -> Tensor:
         """The three orientations in every field, `[..., 3, R, C']`."""
-        size = self.features.orientation.magnitudes(image)  # [..., grids, 3, h, w]
+        filters = self.features.orientation
+        size = filters.magnitudes_of_thinned(filters.thinned(image))  # [..., grids, 3, h, w]
         rows, columns = self.dog_rows.to(size.dtype), self.dog_columns.to(size.dtype)
         return (rows.unsqueeze(1) @ size @ columns.unsqueeze(1).mT).sum(-4)
