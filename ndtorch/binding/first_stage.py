@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_number, is_finite
+from ndtorch.arguments import check_number
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.rules import learning_rule
@@ -107,14 +107,12 @@ def train_first_stage(
     Raises:
         InputError: gamma or radius out of range, or a network that does not get there within two minutes.
     """
-    if not (is_finite(gamma) and gamma > 0):
-        raise InputError(f"gamma must be positive to train the first stage, got {repr(gamma)[:40]}")
-    if not (is_finite(radius) and 0 < radius < 1):
-        raise InputError(f"the first stage's spectral radius must lie between 0 and 1, got {radius}")
+    check_number("gamma", gamma, above=0, unit="1/s")
+    check_number("radius", radius, above=0)
+    if radius >= 1:
+        raise InputError(f"radius must lie between 0 and 1, got {radius}")
     check_number("dt", dt, above=0, unit="seconds")
     check_number("settle", settle, least=0, unit="seconds")
-    if report is not None and not callable(report):
-        raise InputError(f"report must be a function, got {repr(report)[:40]}")
     features = VisualFeatures(size, dt, exact=True)
     inputs = BindingInputs(dt)
     networks = [

@@ -48,14 +48,13 @@ def solutions(mixing: Tensor) -> list[Solution]:
             not independent, which nothing can separate.
     """
     check_dense("mixing", mixing)
-    if mixing.is_floating_point() or mixing.is_complex():
-        check_tensor("mixing", mixing, half=False)
+    mixing = mixing if mixing.is_floating_point() else mixing.double()
+    check_tensor("mixing", mixing, half=False)
     if mixing.ndim != 2 or mixing.shape[1] > mixing.shape[0]:
         raise InputError(f"mixing must be [N, m] with m <= N sources, got {tuple(mixing.shape)}")
     neurons, sources = mixing.shape
     if (mixing == 0).all(0).any():
         raise InputError("mixing has a source that reaches no neuron (a column of zeros): leave it out")
-    mixing = mixing if mixing.is_floating_point() else mixing.double()
     if int(torch.linalg.matrix_rank(mixing)) < sources:
         raise InputError("mixing has sources that reach the neurons in the same proportions: nothing separates them")
     if math.perm(neurons, sources) > MOST_SOLUTIONS:

@@ -145,13 +145,9 @@ class BarScene(RenderedScene):
             light: brightness of each bar at those moments, `[T]`; None for that of the fluctuation.
         """
         if len(seconds):
-            scale = self._scale(seconds)
+            scale = self.fluctuation.scale(seconds).expand(*self.batch, len(self._reach), len(seconds))
             for k in range(len(self._reach)):
                 self._paint(canvas, k, seconds, scale[..., k, :], light[k] if light is not None else None)
-
-    def _scale(self, seconds: Tensor) -> Tensor:
-        """Size of the bars relative to their own at those times, `[*batch, K, T]`."""
-        return self.fluctuation.scale(seconds).expand(*self.batch, len(self._reach), len(seconds))
 
     def _paint(self, canvas: Tensor, k: int, seconds: Tensor, scale: Tensor, own: Tensor | None) -> None:
         """Paint bar k into `canvas` `[*batch, T, 3, H W]`: only the patch around it is touched."""

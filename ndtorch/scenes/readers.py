@@ -205,8 +205,8 @@ class LiveReader(Reader):
             raise InputError(f"{self.what} opens but delivers no frames{self.ended and ': ' + self.ended}")
         self.size = (self._first[0].image.shape[0], self._first[0].image.shape[1])
         check_pixels(self.what, *self.size)
-        declared = self._declared
-        measured = rate_of([frame.stamp for frame in self._first], [declared] if declared else [])
+        declared, stamps = self._declared, [frame.stamp for frame in self._first]
+        measured = rate_of(stamps, [declared] if declared else [])
         # A camera whose frames were waiting is not faster than it says.
         self.fps = declared if declared and (measured >= 0.8 * declared or len(self._first) < 3) else measured
 

@@ -152,19 +152,14 @@ def speed_response(sensor: nn.Module, chunks: Iterable[Tensor], settle: int = 0)
     Raises:
         InputError: when no frame is left to count.
     """
-    total, counted, seen, state = None, 0, 0, None
+    estimates, state = list[Tensor](), None
     for frames in chunks:
         output, state = sensor(frames, state)
-        estimate = output.flatten(-2).abs().amax(-1)
-        skip = min(max(settle - seen, 0), estimate.shape[-2])
-        seen += estimate.shape[-2]
-        counted += estimate.shape[-2] - skip
-        part = estimate[..., skip:, :].sum(-2)
-        total = part if total is None else total + part
-    if total is None or counted == 0:
-        raise InputError(f"settle={settle} leaves none of the {seen} frames to measure")
-    mean: Tensor = total / counted
-    return mean
+        estimates.append(spatial_maximum(output))
+    count = sum(part.shape[-2] for part in estimates)
+    if count <= settle:
+        raise InputError(f"settle={settle} leaves none of the {count} frames to measure")
+    return torch.cat(estimates, -2)[..., settle:, :].mean(-2)
 
 
 class SpeedCurve(NamedTuple):

@@ -101,9 +101,8 @@ class LocalFeatures(nn.Module):
             self.register_buffer(f"{name}_between", weights)
         # Where the coarse responses of the orientation filters lie, and how much of each counts.
         filters, mirrored = features.orientation, self.border == "reflect"
-        lines = zip(
-            filters.places(), (filters.row_weights, filters.column_weights), features.size, self.grid, strict=True
-        )
+        shares = filters.row_weights, filters.column_weights
+        lines = zip(filters.places(), shares, features.size, self.grid, strict=True)
         for name, (places, inside, length, count) in zip(("dog_rows", "dog_columns"), lines, strict=True):
             kept = places.clamp(0, length) if mirrored else places
             weights = torch.stack([field_weights(p, length, count, self.border) for p in kept])

@@ -45,14 +45,9 @@ class Sequential(nn.Sequential):
             raise InputError(f"state must hold {len(self)} parts, one of each module, got {len(before)}")
         after = []
         for module, part in zip(self, before, strict=True):
-            if takes_state(module):
+            if "state" in inspect.signature(module.forward).parameters:
                 x, part = module(x, part)
             else:
                 x = module(x)
             after.append(part)
         return x, SequentialState(tuple(after))
-
-
-def takes_state(module: nn.Module) -> bool:
-    """Whether a module's `forward` has an argument `state`."""
-    return "state" in inspect.signature(module.forward).parameters

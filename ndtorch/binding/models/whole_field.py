@@ -290,8 +290,7 @@ class PublishedModel(WholeFieldModel):
         # The inputs come high-passed. The three networks are one with weights inside the groups only.
         self.first = InhibitoryNetwork(10, self.dt, None, tau_in=float("inf"), initial=self.first_weights)
         self.second = second_stage(c, gamma)
-        self._given_rule: str | None = None
-        self._given_gamma = gamma is not None
+        self._given_rule, self._given_gamma = "", gamma is not None
         if rule is not None:
             self.use_rule(rule)
 
@@ -305,8 +304,7 @@ class PublishedModel(WholeFieldModel):
         Raises:
             InputError: also for a rule that was given as an object, or rates of every trial: the config has neither.
         """
-        if self._given_rule is not None:
-            # Never a name that is taken.
+        if self._given_rule:  # never a name that is taken
             name = "mine" if self._given_rule in RULES else self._given_rule
             raise InputError(
                 f"the rule {self._given_rule!r} was given as an object, which no config.toml can name: register its "
