@@ -48,11 +48,11 @@ class CameraClock(MonotonicClock):
         """Return at once; the loop waits in reading the next frames."""
 
 
-class StepTimer:
-    """How long the parts of a step take, in real time."""
+class StepTimer(defaultdict[str, deque[float]]):
+    """How long the parts of a step take, s in real time."""
 
     def __init__(self) -> None:
-        self.seconds: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=KEPT))
+        super().__init__(lambda: deque(maxlen=KEPT))
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
@@ -61,14 +61,11 @@ class StepTimer:
         try:
             yield
         finally:
-            self.add(name, time.perf_counter() - start)
-
-    def add(self, name: str, seconds: float) -> None:
-        self.seconds[name].append(seconds)
+            self[name].append(time.perf_counter() - start)
 
     def summary(self) -> dict[str, dict[str, float]]:
         """Median, 99th percentile and maximum of each part, in ms: `{"navigate": {"p50": 0.6, "p99": 0.9, ...}}`."""
-        return {name: percentiles_ms(seconds) for name, seconds in self.seconds.items()}
+        return {name: percentiles_ms(seconds) for name, seconds in self.items()}
 
 
 class Car:
@@ -111,8 +108,8 @@ class Car:
         self.observers, self.go, self.steer, self.max_steps = list(observers), go, steer, max_steps
         self.ended = threading.Event()
         self.troubles: list[str] = []
-        self.reason: tuple[str | None, int] = (None, 0)
-        self.timer, self.steps, self.late = StepTimer(), 0, 0
+        self.trouble: str | None = None
+        self.timer, self.steps, self.late, self.trouble_steps = StepTimer(), 0, 0, 0
         self.began = self.distance = 0.0
         self.starts: deque[float] = deque(maxlen=KEPT)
 
@@ -175,23 +172,20 @@ class Car:
             runner.roll(driven)
         sent = safe.send(wanted if self.steer is None else self.steer(wanted))
         if good and frames is not None:
-            timer.add("frame to command", clock.now() - frames.time)
+            timer["frame to command"].append(clock.now() - frames.time)
             with timer.part("map"):
                 runner.complete()
             self.report_trouble()
-        state, telemetry = runner.state if good else None, self.drive.telemetry()
-        record = Step(
-            number, now, frames, driven, wanted, sent, state, safe.standing, good, restarted, placed, telemetry
-        )
+        state, about = runner.state if good else None, (good, restarted, placed, self.drive.telemetry())
+        record = Step(number, now, frames, driven, wanted, sent, state, safe.standing, *about)
         with timer.part("observers"):
             for observer in self.observers:
                 observer(record)
 
     def report_trouble(self) -> None:
         trouble = self.runner.trouble() if self.runner.mode() == STOPPED else None
-        reason, since = self.reason
-        self.reason = (trouble, since + 1 if trouble == reason else 1)
-        lasts = self.reason[1] >= LASTS * self.runner.rate
+        self.trouble_steps = self.trouble_steps + 1 if trouble == self.trouble else 1
+        self.trouble, lasts = trouble, self.trouble_steps >= LASTS * self.runner.rate
         if trouble is not None and lasts and trouble not in self.troubles:
             self.troubles.append(trouble)
             self.safe.report(f"stands: {trouble}")

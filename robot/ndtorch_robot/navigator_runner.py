@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,8 @@ from ndtorch_robot.ports import DriveCommand, Placed, Step, StereoFrames
 
 Floats = npt.NDArray[np.float64]
 
-USUAL = Body()
-"""The car of [A]."""
-
-LONGEST = 4.0
-"""Longest step of the navigator, periods; when frames are missing for longer, the safety layer stops the car."""
+USUAL, LONGEST = Body(), 4.0
+"""The car of [A], and the longest step, periods: when frames are missing for longer, the safety layer stops the car."""
 
 
 class NavigatorRunner:
@@ -71,9 +68,8 @@ class NavigatorRunner:
 
     def configuration(self) -> dict[str, Any]:
         """For a recording: everything from which the same runner can be made again."""
-        grid, asdict = self.grid, dataclasses.asdict
+        grid, options = self.grid, asdict(options_of(asdict(self.options)))
         sides = None if grid is None else (grid.left, grid.right, grid.bottom, grid.top, grid.cell)
-        options = asdict(options_of(asdict(self.options)))
         about = {"rig": asdict(self.rig), "body": asdict(self.body), "rate_hz": self.rate}
         return about | options | {"map_m": sides, "near_check": self.near_check}
 
@@ -114,8 +110,7 @@ class NavigatorRunner:
             if lost:
                 self.roll(driven)
             at = self.state.pose if self.state is not None else self.options.start_pose()
-            if placed is not None:
-                at = Pose(*map(float, placed))
+            at = at if placed is None else Pose(*map(float, placed))
             command, rest = self.navigator.command_first(frames.left, frames.right, start=at)
 
             def with_map() -> NavigatorState:
@@ -208,13 +203,3 @@ def seen_obstacles(state: NavigatorState, navigator: Navigator) -> Ranges:
         cos, sin = math.cos(heading), math.sin(heading)
         x, y = np.concatenate((x, cos * dx + sin * dy)), np.concatenate((y, cos * dy - sin * dx))
     return Ranges(np.hypot(x, y), np.arctan2(y, x), np.zeros_like(x), x, y, np.ones(x.shape, bool))
-
-
-def nearest_by_sector(x: Floats, y: Floats, sectors: int) -> Floats:
-    """The distance of the nearest place in each of some equal sectors, the first about +x and going on towards +y, m;
-    infinite where there is none.
-    """
-    near = np.full(sectors, math.inf)
-    sector = np.rint(np.arctan2(y, x) * (sectors / (2 * math.pi))).astype(int) % sectors
-    np.minimum.at(near, sector, np.hypot(x, y))
-    return near

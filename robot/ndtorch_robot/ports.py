@@ -36,11 +36,9 @@ STAND = DriveCommand(0.0, 0.0)
 
 
 class StereoFrames(NamedTuple):
-    """What both cameras saw at one time.
+    """What both cameras saw at one time, s on the clock of the loop.
 
-    Attributes:
-        left, right: `[1, C, H, W]` uint8 or float in 0..1, whole frames or the strips that navigation reads.
-        time: when they were taken, seconds on the clock of the loop.
+    Frames are `[1, C, H, W]` uint8 or float in 0..1, or the strips of them that navigation reads.
     """
 
     left: Tensor | Strips
@@ -49,13 +47,7 @@ class StereoFrames(NamedTuple):
 
 
 class FaultKind(Enum):
-    """Kind of a fault.
-
-    Attributes:
-        auto_recover: the car drives on by itself once all has been well for long enough. Otherwise a person must
-            resume it: a stationary car cannot see whether a frozen image moves again, and what a person or the drive
-            has stopped is theirs to start.
-    """
+    """Kind of a fault."""
 
     MISSING = auto()  # a camera gives no frame
     TIMES = auto()  # the times of frames do not increase, or lie ahead
@@ -73,6 +65,11 @@ class FaultKind(Enum):
 
     @property
     def auto_recover(self) -> bool:
+        """Whether the car drives on by itself once all has been well for long enough.
+
+        Otherwise a person must resume it: a stationary car cannot see whether a frozen image moves again, and what a
+        person or the drive has stopped is theirs to start.
+        """
         return self not in (FaultKind.FROZEN, FaultKind.COMMAND, FaultKind.DRIVE, FaultKind.EMERGENCY)
 
 
@@ -91,9 +88,7 @@ class CameraPair(Protocol):
         """The newest frames. Raises `InputError` when a camera does not answer."""
         ...
 
-    def close(self) -> None:
-        """Give the cameras back."""
-        ...
+    def close(self) -> None: ...
 
 
 _SEAL = object()
@@ -104,11 +99,8 @@ class SafeCommand:
     """A command that has passed the safety layer; drives obey nothing else.
 
     Only `ndtorch_robot.safety` can make one: the type checker refuses a `DriveCommand` in its place, and at run time
-    both making one without the seal and sending anything else raise `TypeError`.
-
-    Attributes:
-        command: speed and curvature.
-        time: at which it passed, on the clock of the loop; a drive in real time refuses an old one.
+    both making one without the seal and sending anything else raise `TypeError`. `time`, at which it passed, is on the
+    clock of the loop; a drive in real time refuses an old one.
     """
 
     command: DriveCommand
@@ -128,11 +120,7 @@ def unseal(command: SafeCommand) -> DriveCommand:
 
 
 class Drive(Protocol):
-    """Motors and steering.
-
-    A class that inherits from this one needs only the four methods without a body; the others are those of a drive
-    without further knowledge of itself.
-    """
+    """Motors and steering. A class that inherits from this one needs only the four methods without a body."""
 
     def send(self, command: SafeCommand) -> DriveCommand:
         """Ask for a speed and a curvature from now on; returns what was really sent, after all limits."""
@@ -178,8 +166,7 @@ class Drive(Protocol):
 class Closing:
     """What is closed at the end of a `with`."""
 
-    def close(self) -> None:
-        """Give everything back."""
+    def close(self) -> None: ...
 
     def __enter__(self) -> Self:
         return self
@@ -191,9 +178,7 @@ class Closing:
 class Clock(Protocol):
     """Time as the loop sees it."""
 
-    def now(self) -> float:
-        """Seconds."""
-        ...
+    def now(self) -> float: ...
 
     def wait_until(self, time: float) -> None:
         """Return at that time, or at once when it is past. A simulated world moves on in here."""

@@ -1,4 +1,4 @@
-"""What a car sees, does and believes as standard ROS 2 messages, for recordings and live bridges alike.
+"""What a car sees, does and believes as standard ROS 2 messages, for recordings and the live bridge alike.
 
 Frames follow REP 105: `map` -> `odom` (what the localiser has corrected) -> `base_link`, the body frame of `StereoRig`:
 x forward, y left. A message is an object of the definitions of `rosbags`, with the fields of its ROS type.
@@ -18,7 +18,6 @@ from rosbags.typesys.store import Typestore
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Pose, Ranges
-from ndtorch_robot.navigator_runner import nearest_by_sector
 from ndtorch_robot.ports import DriveCommand
 
 MAP, ODOM, BASE = "map", "odom", "base_link"
@@ -100,11 +99,13 @@ def laser_scan(ranges: Ranges, time: float) -> Any:
     """
     valid = np.asarray(ranges.valid).reshape(-1)
     x, y = (np.asarray(part, np.float64).reshape(-1)[valid] for part in (ranges.x, ranges.y))
-    near = nearest_by_sector(x, y, 360)[np.arange(-90, 91)]
-    found = np.where(np.isinf(near), np.nan, near).astype(np.float32)
+    beam = np.rint(np.degrees(np.arctan2(y, x))).astype(int) + 90
+    ahead = (beam >= 0) & (beam <= 180)
+    near = np.full(181, np.nan, np.float32)
+    np.fmin.at(near, beam[ahead], np.hypot(x, y)[ahead].astype(np.float32))
     angles, limits = (-math.pi / 2, math.pi / 2, math.pi / 180), (RANGE_MIN, RANGE_MAX)
     empty = np.zeros(0, np.float32)
-    return new("sensor_msgs/msg/LaserScan", header(time, BASE), *angles, 0.0, 0.0, *limits, found, empty)
+    return new("sensor_msgs/msg/LaserScan", header(time, BASE), *angles, 0.0, 0.0, *limits, near, empty)
 
 
 def odometry(pose: Pose, driven: DriveCommand, time: float) -> Any:

@@ -15,9 +15,8 @@ from ndtorch.navigation import Body, StereoRig
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import Strict, read_toml, refuse_unknown
-from ndtorch_robot.bridges import BRIDGES
 from ndtorch_robot.cameras.source import CameraSettings
-from ndtorch_robot.link import HOSTED_BOARD, SERIAL, check_link, read_settings
+from ndtorch_robot.link import HOSTED_BOARD, SERIAL, check_link
 from ndtorch_robot.safety import SafetyLimits
 
 Positive = Annotated[float, Field(gt=0)]
@@ -84,6 +83,15 @@ class SimulationTable(Table):
     """Disturbances of cameras and car, names or key=number; see `ndtorch drive --help`."""
 
 
+class Ros2Table(Table):
+    """`[ros2]`: topics for ROS 2 beside the loop."""
+
+    domain_id: Annotated[int, Field(ge=0, le=232)] = 0
+    """ROS_DOMAIN_ID."""
+    peer: Annotated[str, Field(pattern=r"^[\w.:-]+$")] = "127.0.0.1"
+    """Address of the other computer; this one alone by default."""
+
+
 class RunConfig(Table):
     """The file of a robot for `ndtorch run`; `--robot` of other commands reads body, cameras, limits and navigation."""
 
@@ -99,8 +107,7 @@ class RunConfig(Table):
     link: Settings = Field(default_factory=dict)
     """Drive link of this `kind` (serial by default, hosted-board in a simulated world), with the keys of its kind; see
     `ndtorch_robot/link/`."""
-    bridges: Mapping[str, Settings] = Field(default_factory=dict)
-    """Bridges of these kinds beside the loop, each with the keys of its kind."""
+    ros2: Ros2Table | None = None
     navigation: NavigationTable = NavigationTable()
     """Options of the navigator."""
     cameras: CameraSettings | None = None
@@ -133,8 +140,6 @@ class RunConfig(Table):
         if self.simulation is None and "kind" not in self.link and "device" not in self.link:
             raise ValueError("real cameras need a real board: give link.device")
         check_link(self.link_table())
-        for name, values in self.bridges.items():
-            read_settings(BRIDGES.find(name), values, f"bridges.{name}")
         return self
 
     def link_table(self) -> dict[str, Any]:

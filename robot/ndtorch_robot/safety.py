@@ -23,11 +23,8 @@ from ndtorch_robot.ports import (
     StereoFrames,
 )
 
-PATIENCE = 10.0
-"""Seconds for which a resumed car keeps trying while its drive cannot obey yet."""
-
-RETRY = 1.0
-"""Seconds between two such attempts."""
+PATIENCE, RETRY = 10.0, 1.0
+"""Seconds for which a resumed car keeps trying while its drive cannot obey yet, and between two attempts."""
 
 NOT_STARTED = "not started"
 
@@ -60,19 +57,12 @@ class SafetyLimits:
 
 
 class DriveState(Enum):
-    """State of a `SafeDrive`.
+    """State of a `SafeDrive`."""
 
-    Attributes:
-        DRIVING: commands pass.
-        RECOVERING: stopped by a passing fault; drives on once all has been well for long enough.
-        STOPPED: stopped until `resume`.
-        RESUMING: resumed, and tried again and again until the car has moved, or the time for that is over.
-    """
-
-    DRIVING = auto()
-    RECOVERING = auto()
-    STOPPED = auto()
-    RESUMING = auto()
+    DRIVING = auto()  # commands pass
+    RECOVERING = auto()  # stopped by a passing fault; drives on once all has been well for long enough
+    STOPPED = auto()  # stopped until `resume`
+    RESUMING = auto()  # resumed, and tried again until the car has moved, or the time for that is over
 
 
 class SafeDrive:
@@ -176,12 +166,11 @@ class SafeDrive:
                 self.fault(f"a step took {elapsed:.3f} s, {limits.step_s:.3f} s are allowed", FaultKind.SILENCE)
             if self.frame_check is not None and limits.frame_age_s < now - self.frames_time < math.inf:
                 self.blind(f"the frames are {now - self.frames_time:.3f} s old", FaultKind.AGE)
-            self.sent_at = now
+            self.sent_at, wanted = now, STAND
             if self.standing is None:
                 wanted = self.limited(command, elapsed)
             else:
                 self.try_to_go_on(now)
-                wanted = STAND
             self.sent = self.drive.send(SafeCommand(wanted, now, _SEAL))
             if self.sent.speed and self.state is DriveState.RESUMING:
                 self.state = DriveState.DRIVING
@@ -230,11 +219,7 @@ class SafeDrive:
         self.report("started" if was in (None, NOT_STARTED) else f"resumed after: {was}")
 
     def resume(self, patience: float = PATIENCE) -> None:
-        """Drive again from the next command on, if nothing is wrong any more.
-
-        Args:
-            patience: seconds for which to keep trying while the drive cannot.
-        """
+        """Drive again from the next command on; tried for so many seconds while the drive cannot."""
         with self.lock:
             if self.standing is None and self.sent.speed:
                 return

@@ -1,4 +1,4 @@
-"""Observers that work in a thread of their own: recordings, views and bridges."""
+"""Observers that work in a thread of their own: recordings, views and the bridge to ROS 2."""
 
 from __future__ import annotations
 

@@ -46,7 +46,6 @@ class Run:
 
         from ndtorch.report.recording import why_not_whole
         from ndtorch.run.folder import RunFolder
-        from ndtorch_robot.bridges import Opening, open_bridges
         from ndtorch_robot.emergency import HELP, emergency_stops
         from ndtorch_robot.navigator_runner import WalkedPath, save_runner_map
         from ndtorch_robot.run import observe, open_car, real_time_priority, timed_report
@@ -77,8 +76,10 @@ class Run:
             if view is not None:
                 reports.append(view.report)
             car.observers.append(path)
-            opening = Opening(report, car.runner, car.drive)
-            car.observers += stack.enter_context(open_bridges(config.bridges, opening))
+            if config.ros2 is not None:
+                from ndtorch_robot.ros2 import Ros2Bridge
+
+                car.observers.append(stack.enter_context(Ros2Bridge(config.ros2, car.runner, report)))
             report(f"ready; {HELP if sys.stdin.isatty() else 'SIGUSR1: go, SIGTERM: stop and end'}")
             car.run(self.seconds)
             summary = car.summary()

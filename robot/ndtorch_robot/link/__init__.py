@@ -41,16 +41,11 @@ LINKS: Registry[Callable[..., Drive]] = Registry("link.kind", __name__)
 link = LINKS.register
 
 
-def read_settings(opener: Callable[..., Any], values: Mapping[str, Any], table: str) -> Strict:
-    """The settings of a link or bridge, of the values of a table; `InputError` for an unknown key or value."""
-    kind: type[Strict] = inspect.get_annotations(opener, eval_str=True)["settings"]
-    return check(values, kind, table)
-
-
 def check_link(values: Mapping[str, Any]) -> tuple[Callable[..., Drive], Strict]:
     """What opens the link of a `[link]` table, and its settings; `InputError` for an unknown kind, key or value."""
     opener = LINKS.find(str(values.get("kind", SERIAL)))
-    return opener, read_settings(opener, {key: value for key, value in values.items() if key != "kind"}, "link")
+    kind: type[Strict] = inspect.get_annotations(opener, eval_str=True)["settings"]
+    return opener, check({key: value for key, value in values.items() if key != "kind"}, kind, "link")
 
 
 def open_link(values: Mapping[str, Any], opening: Opening) -> Drive:

@@ -54,39 +54,47 @@ class MavlinkSettings(Strict):
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
 
 
-class MavlinkConnection:
-    """A connection to the autopilot of one vehicle; a thread reads, anybody sends.
+class MavlinkDrive(Drive):
+    """A rover whose autopilot takes velocity set-points; a thread reads, anybody sends.
+
+    It obeys while the autopilot is armed, in GUIDED, heard, and the loop sends commands. When one of these ends it
+    stands until `resume`. A person arms it and sets its mode: who switches to MANUAL drives.
+
+    Args:
+        report: called once for every event, with one line.
+        now: the time, s.
 
     Attributes:
         dialect: the module with the messages and constants of MAVLink 2.
         latest: last message of the autopilot of each type, and when it came.
-        look_after: called by the thread every `TICK` seconds.
-        now: the time, s.
+
+    Raises:
+        InputError: the device cannot be opened; no heartbeat of the system.
     """
 
-    def __init__(self, settings: MavlinkSettings) -> None:
+    def __init__(
+        self, settings: MavlinkSettings, report: Report = print, now: Callable[[], float] = time.monotonic
+    ) -> None:
         os.environ.setdefault("MAVLINK20", "1")
         mavutil = need("pymavlink.mavutil", "MAVLink")
         self.dialect = need("pymavlink.dialects.v20.common", "MAVLink")
-        self.settings, self.begun, self.now = settings, time.monotonic(), time.monotonic
+        self.settings, self.report, self.now, self.begun = settings, report, now, time.monotonic()
         address = {"baud": settings.baud, "source_system": settings.system_id, "source_component": COMPONENT}
         try:
             self.port = mavutil.mavlink_connection(settings.device, **address, dialect="common", autoreconnect=True)
         except (OSError, ValueError, IndexError) as error:
             raise InputError(f"{settings.device}: cannot be opened ({error})") from None
         self.latest: dict[str, tuple[float, Any]] = {}
-        self.look_after: Callable[[], None] = lambda: None
-        self.lock, self.closing, self.heard = threading.Lock(), threading.Event(), threading.Event()
+        self.lock, self.closing, self.heard = threading.RLock(), threading.Event(), threading.Event()
+        self.standing, self.sent, self.commanded, self.asked = True, STAND, -math.inf, -math.inf
+        self.fault: str | None = None
         self.thread = threading.Thread(target=self.listen, name="mavlink", daemon=True)
         self.thread.start()
+        if not self.heard.wait(GREETING):
+            self.close()
+            raise InputError(f"{settings.device}: no heartbeat of system {settings.system_id}")
 
-    def close(self) -> None:
-        if not self.closing.is_set():
-            self.closing.set()
-            self.thread.join(2.0)
-            self.port.close()
-
-    def send(self, name: str, *values: Any) -> bool:
+    def send_message(self, name: str, *values: Any) -> bool:
         """Send the message of this name, such as `"heartbeat"`; False where the port is gone."""
         with self.lock:
             try:
@@ -104,8 +112,9 @@ class MavlinkConnection:
         while not self.closing.is_set():
             if time.monotonic() - beaten >= HEARTBEAT_EVERY:
                 beaten = time.monotonic()
-                self.send("heartbeat", d.MAV_TYPE_ONBOARD_CONTROLLER, d.MAV_AUTOPILOT_INVALID, 0, 0, 4)
-            self.look_after()
+                self.send_message("heartbeat", d.MAV_TYPE_ONBOARD_CONTROLLER, d.MAV_AUTOPILOT_INVALID, 0, 0, 4)
+            if self.heard.is_set():
+                self.look_after()
             try:
                 self.port.select(TICK)
                 while (message := self.port.recv_msg()) is not None:
@@ -113,32 +122,11 @@ class MavlinkConnection:
                         self.latest[message.get_type()] = self.now(), message
                         if message.get_type() == "HEARTBEAT":
                             self.heard.set()
-            except OSError:  # a serial port is opened anew by pymavlink; the silence is noticed by the drive
+            except OSError:  # a serial port is opened anew by pymavlink; the silence is noticed
                 self.closing.wait(TICK)
 
-
-class MavlinkDrive(Drive):
-    """A rover whose autopilot takes velocity set-points.
-
-    It obeys while the autopilot is armed, in GUIDED, heard, and the loop sends commands. When one of these ends it
-    stands until `resume`. A person arms it and sets its mode: who switches to MANUAL drives.
-
-    Raises:
-        InputError: no heartbeat of the system.
-    """
-
-    def __init__(self, connection: MavlinkConnection, report: Report = print) -> None:
-        self.connection, self.report, self.lock = connection, report, threading.RLock()
-        self.standing, self.sent, self.commanded, self.asked = True, STAND, -math.inf, -math.inf
-        self.fault: str | None = None
-        settings = connection.settings
-        if not connection.heard.wait(GREETING):
-            connection.close()
-            raise InputError(f"{settings.device}: no heartbeat of system {settings.system_id}")
-        connection.look_after = self.look_after
-
     def send(self, command: SafeCommand) -> DriveCommand:
-        wanted, now = unseal(command), self.connection.now()
+        wanted, now = unseal(command), self.now()
         with self.lock:
             self.commanded = now
             obeys = not self.standing and self.why_not() is None and now - command.time <= OLDEST_COMMAND
@@ -149,11 +137,11 @@ class MavlinkDrive(Drive):
 
     def set_point(self, command: DriveCommand) -> bool:
         """x is ahead and yaw rates are clockwise in the frame of the body of MAVLink."""
-        c = self.connection
-        boot_ms = int((time.monotonic() - c.begun) * 1e3) & 0xFFFFFFFF
-        about = (boot_ms, c.settings.system_id, AUTOPILOT, c.dialect.MAV_FRAME_BODY_NED, VELOCITY_AND_YAW_RATE)
+        boot_ms = int((time.monotonic() - self.begun) * 1e3) & 0xFFFFFFFF
+        about = (boot_ms, self.settings.system_id, AUTOPILOT, self.dialect.MAV_FRAME_BODY_NED, VELOCITY_AND_YAW_RATE)
         turn = -command.speed * command.curvature
-        return c.send("set_position_target_local_ned", *about, 0, 0, 0, command.speed, 0, 0, 0, 0, 0, 0, turn)
+        values = (0, 0, 0, command.speed, 0, 0, 0, 0, 0, 0, turn)
+        return self.send_message("set_position_target_local_ned", *about, *values)
 
     def stop(self) -> None:
         self.standing = True
@@ -161,12 +149,12 @@ class MavlinkDrive(Drive):
 
     def resume(self) -> bool:
         with self.lock:
-            self.fault, self.commanded = self.why_not(), self.connection.now()
+            self.fault, self.commanded = self.why_not(), self.now()
             self.standing = self.fault is not None
             return not self.standing
 
     def why_not(self) -> str | None:
-        silent, still = self.connection.age("HEARTBEAT"), self.connection.age("LOCAL_POSITION_NED")
+        silent, still = self.age("HEARTBEAT"), self.age("LOCAL_POSITION_NED")
         if silent > HEARTBEAT_PATIENCE:
             return f"lost: no heartbeat of the autopilot for {silent:.1f} s"
         if MOTION_PATIENCE < still < math.inf:
@@ -180,27 +168,28 @@ class MavlinkDrive(Drive):
         return self.fault
 
     def driven(self) -> DriveCommand:
-        latest = self.connection.latest
-        if not {"LOCAL_POSITION_NED", "ATTITUDE"} <= latest.keys():
+        if not {"LOCAL_POSITION_NED", "ATTITUDE"} <= self.latest.keys():
             return self.sent
-        moved, attitude = latest["LOCAL_POSITION_NED"][1], latest["ATTITUDE"][1]
+        moved, attitude = self.latest["LOCAL_POSITION_NED"][1], self.latest["ATTITUDE"][1]
         speed = moved.vx * math.cos(attitude.yaw) + moved.vy * math.sin(attitude.yaw)
         return DriveCommand(speed, -attitude.yawspeed / speed if abs(speed) > SLOW else 0.0)
 
     def telemetry(self) -> dict[str, Any]:
-        status, beat = self.connection.latest.get("SYS_STATUS"), self.connection.latest["HEARTBEAT"][1]
+        status, beat = self.latest.get("SYS_STATUS"), self.latest["HEARTBEAT"][1]
         volts = 0.0 if status is None else status[1].voltage_battery / 1e3
-        armed = bool(beat.base_mode & self.connection.dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        armed = bool(beat.base_mode & self.dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         return {"armed": armed, "mode": int(beat.custom_mode), "battery_v": volts, "link": self.fault}
 
     def close(self) -> None:
-        if not self.connection.closing.is_set():
+        if not self.closing.is_set():
             self.stop()
-            self.connection.close()
+            self.closing.set()
+            self.thread.join(2.0)
+            self.port.close()
 
     def look_after(self) -> None:
         """Stop where the loop is silent or the autopilot does not obey any more; ask for motion where none comes."""
-        now, d = self.connection.now(), self.connection.dialect
+        now, d = self.now(), self.dialect
         with self.lock:
             why = self.why_not()
             if why is None and now - self.commanded > LOOP_PATIENCE:
@@ -209,13 +198,13 @@ class MavlinkDrive(Drive):
                 self.fault = why
                 self.stop()
                 self.report(f"link: {why}")
-        if self.connection.age("LOCAL_POSITION_NED") > MOTION_PATIENCE and now - self.asked > 1.0:
+        if self.age("LOCAL_POSITION_NED") > MOTION_PATIENCE and now - self.asked > 1.0:
             self.asked = now
-            request = self.connection.settings.system_id, AUTOPILOT, d.MAV_CMD_SET_MESSAGE_INTERVAL, 0
+            request = self.settings.system_id, AUTOPILOT, d.MAV_CMD_SET_MESSAGE_INTERVAL, 0
             for message in (d.MAVLINK_MSG_ID_ATTITUDE, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
-                self.connection.send("command_long", *request, message, MOTION_INTERVAL_US, *[0.0] * 5)
+                self.send_message("command_long", *request, message, MOTION_INTERVAL_US, *[0.0] * 5)
 
 
 @link("mavlink")
 def open_mavlink(settings: MavlinkSettings, opening: Opening) -> MavlinkDrive:
-    return MavlinkDrive(MavlinkConnection(settings), opening.report)
+    return MavlinkDrive(settings, opening.report)

@@ -9,7 +9,7 @@ pytest.importorskip("pymavlink")
 
 from ndtorch.errors import InputError
 from ndtorch_robot.link import mavlink
-from ndtorch_robot.link.mavlink import MavlinkConnection, MavlinkDrive, MavlinkSettings
+from ndtorch_robot.link.mavlink import MavlinkDrive, MavlinkSettings
 from ndtorch_robot.ports import _SEAL, STAND, DriveCommand, SafeCommand
 from ndtorch_robot.safety import SafeDrive
 from tests.robot.support.autopilot import GUIDED, Autopilot, free_port, wait_for
@@ -22,12 +22,10 @@ class Rig:
         self.time, self.lines = 100.0, []
         port = free_port()
         self.autopilot = Autopilot(port, **autopilot)
-        self.connection = MavlinkConnection(MavlinkSettings(device=f"udpin:127.0.0.1:{port}"))
-        self.connection.now = lambda: self.time
+        settings = MavlinkSettings(device=f"udpin:127.0.0.1:{port}")
         try:
-            self.drive = MavlinkDrive(self.connection, self.lines.append)
+            self.drive = MavlinkDrive(settings, self.lines.append, lambda: self.time)
         except BaseException:
-            self.connection.close()
             self.autopilot.close()
             raise
 
@@ -40,13 +38,13 @@ class Rig:
     def later(self, seconds):
         """Some time later; the autopilot was heard since."""
         self.time += seconds
-        assert wait_for(lambda: self.connection.age("HEARTBEAT") == self.connection.age("LOCAL_POSITION_NED") == 0)
+        assert wait_for(lambda: self.drive.age("HEARTBEAT") == self.drive.age("LOCAL_POSITION_NED") == 0)
 
     def quiet(self):
         """Nothing has come for a moment."""
-        message = self.connection.latest.pop("SYS_STATUS", None)
+        message = self.drive.latest.pop("SYS_STATUS", None)
         time.sleep(0.05)
-        return message is not None and "SYS_STATUS" not in self.connection.latest
+        return message is not None and "SYS_STATUS" not in self.drive.latest
 
     def asked(self):
         """Requests to arm, or to change the mode."""
@@ -136,7 +134,7 @@ def test_a_silent_loop_stands(opened):
 def test_other_systems_are_not_listened_to(opened):
     rig = opened()
     rig.resume()
-    other = Autopilot(int(rig.connection.settings.device.rsplit(":")[-1]), system=7, mode=0, armed=False)
+    other = Autopilot(int(rig.drive.settings.device.rsplit(":")[-1]), system=7, mode=0, armed=False)
     try:
         rig.later(0.01)
         assert rig.send(0.3).speed == 0.3
@@ -150,7 +148,7 @@ def test_what_cannot_be_opened(monkeypatch):
         Rig(system=7)
     for device in ("udpin:127.0.0.1", "/dev/nothing-there"):
         with pytest.raises(InputError, match="cannot be opened"):
-            MavlinkConnection(MavlinkSettings(device=device))
+            MavlinkDrive(MavlinkSettings(device=device))
 
 
 def test_the_safety_layer_resumes_it_when_it_is_armed(opened):

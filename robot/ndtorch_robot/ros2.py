@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 import time
 from functools import cache
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field
 from rosbags.interfaces import Nodetype
 
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import need
-from ndtorch.utils.toml import Strict
 from ndtorch_robot import ros_messages as ros
-from ndtorch_robot.bridges import Bridge, Opening, bridge
-from ndtorch_robot.navigator_runner import seen_obstacles
-from ndtorch_robot.ports import Step
+from ndtorch_robot.navigator_runner import NavigatorRunner, seen_obstacles
+from ndtorch_robot.ports import Report, Step
+from ndtorch_robot.run_config import Ros2Table
+from ndtorch_robot.step_thread import StepThread
 
 CONFIG = """<CycloneDDS><Domain Id="any">
 <General><Interfaces><NetworkInterface {}/></Interfaces><AllowMulticast>false</AllowMulticast></General>
@@ -25,23 +24,14 @@ CONFIG = """<CycloneDDS><Domain Id="any">
 """Participants are looked for at named peers, without multicast."""
 
 PUBLISHED = {"scan": "sensor_msgs/msg/LaserScan", "odom": "nav_msgs/msg/Odometry", "tf": "tf2_msgs/msg/TFMessage"}
+POLL, CLOSE_TIMEOUT = 0.01, 1.0
+"""Seconds between two looks for goals at most, and to wait at the end: a bridge that hangs is left behind."""
+
 GOAL = "geometry_msgs/msg/PoseStamped"
 
 
-class Ros2Settings(Strict):
-    """`[bridges.ros2]`.
-
-    Args:
-        domain_id: ROS_DOMAIN_ID.
-        peer: address of the other computer; this one alone by default.
-    """
-
-    domain_id: Annotated[int, Field(ge=0, le=232)] = 0
-    peer: Annotated[str, Field(pattern=r"^[\w.:-]+$")] = "127.0.0.1"
-
-
-class Ros2Bridge(Bridge):
-    """Publishes /scan, /odom and /tf, and takes /goal_pose where there are goals.
+class Ros2Bridge(StepThread):
+    """An observer that publishes /scan, /odom and /tf, and takes /goal_pose where there are goals, in its own thread.
 
     Topics and types have the names that ROS 2 gives them over DDS: `/scan` is `rt/scan`. Publishers are reliable;
     goals are taken with best effort, which gets on with every publisher.
@@ -50,7 +40,7 @@ class Ros2Bridge(Bridge):
         InputError: Cyclone DDS is not installed, or does not start.
     """
 
-    def __init__(self, settings: Ros2Settings, opening: Opening) -> None:
+    def __init__(self, settings: Ros2Table, runner: NavigatorRunner, report: Report) -> None:
         need("cyclonedds", "a bridge to ROS 2")
         from cyclonedds.core import DDSException, Policy, Qos
         from cyclonedds.domain import Domain, DomainParticipant
@@ -67,7 +57,7 @@ class Ros2Bridge(Bridge):
             self.participant: Any = DomainParticipant(settings.domain_id)
         except DDSException as error:
             raise InputError(f"Cyclone DDS does not start in domain {settings.domain_id}: {error.msg}") from None
-        self.runner, self.wall_clock, participant = opening.runner, math.inf, self.participant
+        self.runner, self.wall_clock, participant = runner, math.inf, self.participant
 
         def topic(name: str, kind: str) -> Any:
             return Topic(participant, f"rt/{name}", wire_type(kind))
@@ -75,9 +65,12 @@ class Ros2Bridge(Bridge):
         reliable = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(1))
         self.writers = {name: DataWriter(participant, topic(name, PUBLISHED[name]), qos=reliable) for name in PUBLISHED}
         best_effort = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(10))
-        has_goals = opening.runner.navigator.controller.has_goals
+        has_goals = runner.navigator.controller.has_goals
         self.goals = DataReader(participant, topic("goal_pose", GOAL), qos=best_effort) if has_goals else None
-        super().__init__("ros2", opening.report)
+        super().__init__("bridge to ROS 2", 1, "newest", report, POLL)
+
+    def __call__(self, step: Step) -> None:
+        self.put(step)
 
     def handle(self, item: Step) -> None:
         # The least delay so far is taken for none: steps have the times of the loop's clock, stamps those of the wall.
@@ -101,6 +94,9 @@ class Ros2Bridge(Bridge):
 
     def finish(self) -> None:
         self.participant = self.domain = None
+
+    def close(self, patience: float | None = CLOSE_TIMEOUT) -> None:
+        super().close(patience)
 
 
 @cache
@@ -139,8 +135,3 @@ def idl_field(node: Any, value: Any) -> Any:
         return types.sequence[idl_field(*value[0])]
     plain = {"string": str, "bool": bool, "octet": types.byte}
     return plain.get(value[0]) or getattr(types, value[0])
-
-
-@bridge("ros2")
-def open_ros2(settings: Ros2Settings, opening: Opening) -> Ros2Bridge:
-    return Ros2Bridge(settings, opening)
