@@ -26,11 +26,8 @@ SIDES = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_0", 
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 
-FIRST_IMAGES = 60
-"""Images of the left camera from which the frame rate is taken."""
-
-MIN_SPEED_M_PER_S = 1e-3
-"""Speed that a robot is given which turns on the spot: a command has a curvature, which must be finite."""
+FIRST_IMAGES, MIN_SPEED_M_PER_S = 60, 1e-3
+"""Images from which the frame rate is taken, and speed of a robot that turns on the spot: curvatures are finite."""
 
 
 class Topics(NamedTuple):

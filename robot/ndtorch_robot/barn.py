@@ -24,14 +24,11 @@ from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.plan import Plan, Point, cylinder, ring
 from ndtorch_robot.sim.simulation import Simulation
 
-AROUND = 1.2
-"""Metres between the cylinders or the goal and the walls of the hall around them."""
+AROUND, OPTIMAL_SPEED = 1.2, 2.0
+"""Metres around cylinders and goal to the walls of the hall; m/s by which the shortest path is the optimal time."""
 
 TEST_EVERY = 5
 """Worlds whose number this divides are for reports; nothing is tuned on them."""
-
-OPTIMAL_SPEED = 2.0
-"""m/s with which the shortest path becomes the optimal time of the score."""
 
 Positive = Annotated[float, Field(gt=0)]
 

@@ -42,15 +42,7 @@ MIN_TILT_DEG = 10.0
 
 @dataclass(frozen=True)
 class Board:
-    """A chessboard.
-
-    Args:
-        columns, rows: inner corners, where four squares meet; not as many one way as the other.
-        square: side of a square, m.
-
-    Raises:
-        InputError: a number out of range.
-    """
+    """A chessboard: inner corners, where four squares meet, not as many one way as the other; side of a square, m."""
 
     columns: int = 9
     rows: int = 6
@@ -58,10 +50,8 @@ class Board:
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3 or self.columns == self.rows or not 0 < self.square < 1:
-            raise InputError(
-                f"a board needs 3 x 3 inner corners or more, not as many one way as the other, and squares of less "
-                f"than 1 m, got {self.columns} x {self.rows} of {self.square} m"
-            )
+            words = "3 x 3 inner corners or more, not as many one way as the other, and squares of less than 1 m"
+            raise InputError(f"a board needs {words}, got {self.columns} x {self.rows} of {self.square} m")
 
     @property
     def points(self) -> Points:
@@ -171,11 +161,9 @@ def calibrate(views: Sequence[View], board: Board, size: tuple[int, int]) -> tup
         raise InputError(f"left and right are swapped: the right camera is {shift[0]:.3f} m left of the left one")
     matrices, distortions = zip(*lenses, strict=True)
     calibration = stereo_calibration(matrices, distortions, np.asarray(rotation, np.float64), shift, size)
-    cameras = (calibration.left, calibration.right)
-    left, right = (
-        rectified_points(np.concatenate(points), c)[:, 1] for points, c in zip(corners, cameras, strict=True)
-    )
-    row = float(np.sqrt(((left - right) ** 2).mean()))
+    left = rectified_points(np.concatenate(corners[0]), calibration.left)
+    right = rectified_points(np.concatenate(corners[1]), calibration.right)
+    row = float(np.sqrt(((left - right)[:, 1] ** 2).mean()))
     return calibration, Quality(
         len(views), errors[0], errors[1], float(pair), row, max(focal), min(tilts), min(covered)
     )
@@ -198,14 +186,8 @@ def write_calibration(calibration: StereoCalibration, quality: Quality, path: Pa
     assert calibration.size is not None
     turn = right.rotation.T @ left.rotation
     shift = right.rotation.T[:, 0] * right.projection[0, 3] / right.projection[0, 0]
-    values = {
-        "M1": left.matrix,
-        "D1": left.distortion,
-        "M2": right.matrix,
-        "D2": right.distortion,
-        "R": turn,
-        "T": shift,
-    }
+    values = {"M1": left.matrix, "D1": left.distortion, "M2": right.matrix, "D2": right.distortion}
+    values |= {"R": turn, "T": shift}
     lines = ["# Stereo calibration by `ndtorch calibrate`: pixels, metres, from the left camera to the right one"]
     lines += [f"image_width: {calibration.size[0]}", f"image_height: {calibration.size[1]}"]
     lines += [f"{name}: {np.ravel(value).tolist()}" for name, value in values.items()]

@@ -18,11 +18,9 @@ Array = np.ndarray[Any, np.dtype[np.float32]]
 
 SIDES = ("left", "right")
 
-MOVING_M_PER_S = 0.05
-"""Speed from which the image of the floor must change."""
+MOVING_M_PER_S, MOVED_FRAMES = 0.05, 2
+"""Speed from which the image of the floor must change, and least equal images meanwhile of a frozen camera."""
 
-MOVED_FRAMES = 2
-"""Number of equal images while the car moves that a frozen camera gives at least."""
 FROZEN_S = 0.13
 """Seconds of dark or equal images after which the car stops: 4 frames at 30 Hz."""
 
@@ -64,12 +62,7 @@ class CameraMonitor:
     """
 
     def __init__(
-        self,
-        rig: StereoRig,
-        rate_hz: float,
-        max_age_s: float,
-        patience_s: float = 0.25,
-        rendered: bool = False,
+        self, rig: StereoRig, rate_hz: float, max_age_s: float, patience_s: float = 0.25, rendered: bool = False
     ) -> None:
         self.rig, self.rate_hz, self.max_age_s, self.rendered = rig, rate_hz, max_age_s, rendered
         self.frozen_frames = max(2, round(FROZEN_S * rate_hz))

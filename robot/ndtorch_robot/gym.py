@@ -89,25 +89,22 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         disturbance: str = "",
         render_mode: str | None = None,
     ) -> None:
-        for name, value, words in (
-            ("observation", observation, ("strips", "frames")),
-            ("render_mode", render_mode, (None, "rgb_array")),
-        ):
-            if value not in words:
-                raise InputError(f"{name} must be {words[0]!r} or {words[1]!r}, got {value!r}")
+        if observation not in ("strips", "frames") or render_mode not in (None, "rgb_array"):
+            raise InputError(f"no observation {observation!r}, or no render_mode {render_mode!r}")
         load_arena(arena, building or 0)
         self.building, self.disturbances = building, read_disturbances(disturbance)
         self.arena = arena
         self.strips, self.render_mode = observation == "strips", render_mode
         self.fields = NavigatorOptions(controller=controller).fields(RIG)
         field = self.fields[0]
-        spaces_of: dict[str, spaces.Space[Any]] = {
-            "fields": spaces.Box(0, 255, (6, field.bottom - field.top, field.right - field.left), np.uint8),
-            "rows": spaces.Box(0, 1, (6 * RIG.width,), np.float32),
-        }
-        if not self.strips:
-            spaces_of = {eye: spaces.Box(0, 255, (3, RIG.height, RIG.width), np.uint8) for eye in ("left", "right")}
-        self.observation_space: Any = spaces.Dict(spaces_of)
+        self.observation_space: Any = spaces.Dict(
+            {
+                "fields": spaces.Box(0, 255, (6, field.bottom - field.top, field.right - field.left), np.uint8),
+                "rows": spaces.Box(0, 1, (6 * RIG.width,), np.float32),
+            }
+            if self.strips
+            else {eye: spaces.Box(0, 255, (3, RIG.height, RIG.width), np.uint8) for eye in ("left", "right")}
+        )
         most = np.array(CarLimits()[:2], np.float32)
         self.action_space = spaces.Box(-most, most, dtype=np.float32)
         self.simulation: Simulation | None = None
@@ -153,12 +150,11 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         return self.observation(self.frames), reward, hit, False, self.info(simulation)
 
     def observation(self, frames: StereoFrames) -> Observation:
-        both = (frames.left, frames.right)
         if not self.strips:
-            return {name: pixels(frame) for name, frame in zip(("left", "right"), both, strict=True)}
+            return {"left": pixels(frames.left), "right": pixels(frames.right)}
         cut = [
             frame if isinstance(frame, Strips) else cut_strips(frame, field, RIG)
-            for frame, field in zip(both, self.fields, strict=True)
+            for frame, field in zip(frames[:2], self.fields, strict=True)
         ]
         rows = np.concatenate([pixels(strips.row).ravel() for strips in cut]) / np.float32(255)
         return {"fields": np.concatenate([pixels(strips.field) for strips in cut]), "rows": rows}

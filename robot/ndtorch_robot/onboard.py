@@ -24,7 +24,6 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
     """The text of `params.h`: the published controller and ranging of [A] for one pair of cameras.
 
     Args:
-        rig: the camera pair.
         dt: time step, s.
         cell: side of a cell of the map, m.
 

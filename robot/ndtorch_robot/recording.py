@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, Literal, cast
 
 import torch
 import zstandard
@@ -39,23 +39,15 @@ TYPES = ("std_msgs/msg/String", "sensor_msgs/msg/Image", "sensor_msgs/msg/LaserS
 FLUSH_S = 0.5
 """Duration of a chunk, which is written and forced onto the disk at its end: a cut file loses no more."""
 
-RESERVE = 100_000_000
-"""Bytes to leave free on the disk, since a full one makes a computer fall over."""
-
-MAX_BYTES, MAX_CHUNK_BYTES = 2**42, 2**29
-"""Most bytes of a recording, and of a record and what is compressed in it."""
+RESERVE, MAX_BYTES, MAX_CHUNK_BYTES = 100_000_000, 2**42, 2**29
+"""Bytes to leave free on the disk; most bytes of a recording, and of a record and what is compressed in it."""
 
 MAP_HALF_M = 10.0
 """Distance from the start to the sides of the map of a car that made none."""
 
 
-class Waiting(NamedTuple):
-    """A step on its way to the disk, with its images by topic, and ranges and pose where the navigator gave some."""
-
-    step: Step
-    images: dict[str, Tensor]
-    ranges: Ranges | None
-    pose: Pose | None
+Waiting = tuple[Step, dict[str, Tensor], Ranges | None, Pose | None]
+"""A step on its way to the disk, with its images by topic, and ranges and pose where the navigator gave some."""
 
 
 class Recorder(StepThread):
@@ -116,26 +108,41 @@ class Recorder(StepThread):
             if self.runner is not None:
                 ranges = seen_obstacles(step.state, self.runner.navigator)
         self.number += 1
-        self.put(Waiting(step._replace(number=self.number - 1, state=None), images, ranges, pose))
+        self.put((step._replace(number=self.number - 1, state=None), images, ranges, pose))
 
     def images(self, frames: StereoFrames | None) -> dict[str, Tensor]:
         """What is kept of frames, by topic: the strips, or whole images of a size that no runner reads."""
-        found: dict[str, Tensor] = {}
+        kept: dict[str, Tensor] = {}
         for k, image in enumerate(() if frames is None else frames[:2]):
             side, runner = ("left", "right")[k], self.runner
             if runner and isinstance(image, Tensor) and image.shape[-2:] == (runner.rig.height, runner.rig.width):
                 image = cut_strips(image, runner.fields[k], runner.rig)
-            parts = image._asdict() if isinstance(image, Strips) else {"image": image}
-            found |= {f"/camera/{side}/{name}": part.clone() for name, part in parts.items()}
-        for image in found.values():
-            if image.dtype != torch.uint8 or image.ndim != 4 or image.shape[:2] not in ((1, 1), (1, 3)):
-                kind = f"{image.dtype} {tuple(image.shape)}"
-                raise InputError(f"only single uint8 frames [1, C, H, W] with C = 1 or 3 are recorded, got {kind}")
-        return found
+            for name, part in (image._asdict() if isinstance(image, Strips) else {"image": image}).items():
+                if part.dtype != torch.uint8 or part.ndim != 4 or part.shape[:2] not in ((1, 1), (1, 3)):
+                    kind = f"{part.dtype} {tuple(part.shape)}"
+                    raise InputError(f"only single uint8 frames [1, C, H, W] with C = 1 or 3 are recorded, got {kind}")
+                kept[f"/camera/{side}/{name}"] = part.clone()
+        return kept
 
     def handle(self, item: Waiting) -> None:
+        """Write one step: its messages, and then the one that says what belongs to it."""
+        step, images, ranges, pose = item
         self.steps += 1
-        self.write(item)
+        values = step._asdict() | {"telemetry": dict(step.telemetry), "images": list(images)}
+        frames = values.pop("frames")
+        values["taken"] = None if frames is None else frames.time
+        messages = {topic: ros.image(image, topic.split("/")[2], step.time) for topic, image in images.items()}
+        if ranges is not None and pose is not None:
+            messages |= {"/scan": ros.laser_scan(ranges, step.time)}
+            messages |= {"/odom": ros.odometry(pose, step.driven, step.time)}
+        messages[STEP] = ros.new("std_msgs/msg/String", json.dumps(values, default=str))
+        when = max(0, round(step.time * 1e9))
+        for topic, message in messages.items():
+            if topic not in self.channels:
+                name = message.__msgtype__
+                schema = self.writer.register_schema(name, "ros2msg", ros.definition(name).encode())
+                self.channels[topic] = self.writer.register_channel(topic, "cdr", schema)
+            self.writer.add_message(self.channels[topic], when, ros.to_cdr(message), when, step.number)
 
     def idle(self) -> None:
         if monotonic() - self.flushed >= FLUSH_S:
@@ -157,25 +164,6 @@ class Recorder(StepThread):
     def close(self, patience: float | None = None) -> None:
         super().close(patience)
         self.dropped = self.number - self.steps
-
-    def write(self, waiting: Waiting) -> None:
-        """One step: its messages, and then the one that says what belongs to it."""
-        step, images, ranges, pose = waiting
-        values = step._asdict() | {"telemetry": dict(step.telemetry), "images": list(images)}
-        frames = values.pop("frames")
-        values["taken"] = None if frames is None else frames.time
-        messages = {topic: ros.image(image, topic.split("/")[2], step.time) for topic, image in images.items()}
-        if ranges is not None and pose is not None:
-            messages |= {"/scan": ros.laser_scan(ranges, step.time)}
-            messages |= {"/odom": ros.odometry(pose, step.driven, step.time)}
-        messages[STEP] = ros.new("std_msgs/msg/String", json.dumps(values, default=str))
-        when = max(0, round(step.time * 1e9))
-        for topic, message in messages.items():
-            if topic not in self.channels:
-                name = message.__msgtype__
-                schema = self.writer.register_schema(name, "ros2msg", ros.definition(name).encode())
-                self.channels[topic] = self.writer.register_channel(topic, "cdr", schema)
-            self.writer.add_message(self.channels[topic], when, ros.to_cdr(message), when, step.number)
 
     def flush(self) -> None:
         """End the chunk, force it onto the disk, and check whether there is room for more."""
@@ -215,30 +203,23 @@ class Recording:
         self.complete, self.missing, expected = False, 0, 0
         topics: dict[int, str] = {}
         images: dict[str, Message] = {}
-        with opened(self.path) as records:
-            for record in records:
-                if isinstance(record, Metadata) and record.name == END:
-                    self.complete = True
-                    with contextlib.suppress(KeyError, ValueError):
-                        self.missing += max(0, int(record.metadata["given"]) - expected)
-                if not isinstance(record, Chunk):
+        for record in records(self.path):
+            if isinstance(record, Metadata) and record.name == END:
+                self.complete = True
+                with contextlib.suppress(KeyError, ValueError):
+                    self.missing += max(0, int(record.metadata["given"]) - expected)
+            elif isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Message) and topics.get(record.channel_id) != STEP:
+                images[topics.get(record.channel_id, "")] = record
+            elif isinstance(record, Message):
+                try:
+                    step = step_of(record, images)
+                except Exception:  # whatever a message of wrong content does to the packages that read it
                     continue
-                inner: list[Any] = []
-                with contextlib.suppress(Exception):  # whatever a damaged chunk does to the packages that read it
-                    inner = chunk_records(record)
-                for part in inner:
-                    if isinstance(part, Channel):
-                        topics[part.id] = part.topic
-                    elif isinstance(part, Message) and topics.get(part.channel_id) != STEP:
-                        images[topics.get(part.channel_id, "")] = part
-                    elif isinstance(part, Message):
-                        try:
-                            step = step_of(part, images)
-                        except Exception:  # whatever a message of wrong content does to the packages that read it
-                            continue
-                        self.missing += max(0, step.number - expected)
-                        expected = step.number + 1
-                        yield step
+                self.missing += max(0, step.number - expected)
+                expected = step.number + 1
+                yield step
 
 
 def step_of(message: Message, images: dict[str, Message]) -> Step:
@@ -280,17 +261,18 @@ def chunk_records(chunk: Chunk) -> list[Any]:
     return breakup_chunk(chunk, validate_crc=True)
 
 
-@contextlib.contextmanager
-def opened(path: Path) -> Iterator[Iterator[Any]]:
-    """The records of a file of MCAP up to the last whole one."""
-
-    def records(reader: StreamReader) -> Iterator[Any]:
-        with contextlib.suppress(Exception):  # whatever the end of a cut file does to the package that reads it
-            yield from reader.records
-
+def records(path: Path) -> Iterator[Any]:
+    """The records of a file of MCAP up to the last whole one, without those of damaged chunks."""
     try:
-        with open_regular(path, MAX_BYTES) as file:
-            yield records(StreamReader(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES))
+        # Whatever the end of a cut file and a damaged chunk do to the packages that read them.
+        with open_regular(path, MAX_BYTES) as file, contextlib.suppress(Exception):
+            for record in StreamReader(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES).records:
+                inner = [record]
+                if isinstance(record, Chunk):
+                    inner = []
+                    with contextlib.suppress(Exception):
+                        inner = chunk_records(record)
+                yield from inner
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
 
@@ -301,8 +283,7 @@ def open_recording(path: str | Path) -> Recording:
     Raises:
         InputError: what is none, or one of another version.
     """
-    with opened(Path(path)) as records:
-        header = next((record for record in records if isinstance(record, Metadata | Chunk)), None)
+    header = next((record for record in records(Path(path)) if isinstance(record, Metadata | Channel)), None)
     if not isinstance(header, Metadata) or header.name != HEADER:
         raise InputError(f"{path}: not a recording of ndtorch; `ndtorch import` reads those of others")
     version = header.metadata.get("version")
@@ -340,8 +321,7 @@ class Comparison:
     """How a replay compares with what was recorded.
 
     Attributes:
-        steps: number of steps replayed.
-        same: number of them with the same command to the bit.
+        steps, same: number of steps replayed, and of those with the same command to the bit.
         first_different: number of the first other one.
     """
 

@@ -55,6 +55,12 @@ class RigTable(Table):
     camera_pitch_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
     """Angle by which the cameras look down, in degrees."""
 
+    @property
+    def place(self) -> dict[str, float]:
+        """Where the cameras are, as `StereoRig` has it."""
+        pitch = math.radians(self.camera_pitch_deg)
+        return {"camera_height": self.camera_height_m, "forward": self.camera_forward_m, "pitch": pitch}
+
 
 @dataclass(frozen=True)
 class NavigationTable(NavigatorOptions):
@@ -149,9 +155,7 @@ class RunConfig(Table):
     @property
     def stereo_rig(self) -> StereoRig:
         r = self.rig
-        where = {"camera_height": r.camera_height_m, "forward": r.camera_forward_m}
-        where |= {"pitch": math.radians(r.camera_pitch_deg)}
-        return StereoRig(r.baseline_m, r.focal_px, r.width_px, r.height_px, cx=r.cx_px, cy=r.cy_px, **where)
+        return StereoRig(r.baseline_m, r.focal_px, r.width_px, r.height_px, cx=r.cx_px, cy=r.cy_px, **r.place)
 
     @property
     def safety_limits(self) -> SafetyLimits:

@@ -30,20 +30,14 @@ from ndtorch_robot.step_thread import StepThread
 
 Pose = tuple[float, float, float]
 
-PORT = 9876
-"""Port of a viewer, unless another is given: the one at which `rerun` listens."""
-
-CLOSE_TIMEOUT = 5.0
-"""Seconds to wait at the end for what has not been shown yet."""
+PORT, CLOSE_TIMEOUT = 9876, 5.0
+"""Port at which `rerun` listens, and seconds to wait at the end for what has not been shown yet."""
 
 QUEUE, PICTURES_PER_SECOND, MAP_EVERY = 30, 10, 2.0
 """Steps that may wait, pairs of frames a second that are shown, and seconds between two maps and paths."""
 
-STRIDE = 0.1
-"""Metres between two points of a path."""
-
-FAINT, CELLS = 0.04, 20_000
-"""Cells of the map are shown from this part of the largest on, and so many at most, the strongest ones."""
+STRIDE, FAINT, CELLS = 0.1, 0.04, 20_000
+"""Metres between points of a path; part of the largest cell from which cells are shown, and the most that are."""
 
 BOARD = ("armed", "faults", "battery_v", "rejected")
 """Telemetry that is shown as text."""

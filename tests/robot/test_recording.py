@@ -62,9 +62,9 @@ class Held(Recorder):
 
     free = threading.Event()
 
-    def write(self, waiting):
+    def handle(self, item):
         self.free.wait(60)
-        super().write(waiting)
+        super().handle(item)
 
 
 def test_the_loop_never_waits_and_what_is_lost_is_counted(tmp_path):

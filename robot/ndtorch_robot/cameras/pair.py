@@ -29,11 +29,8 @@ FIRST_FRAME_S = 5.0
 BACK_OFF_S = (0.2, 0.5, 1.0, 2.0)
 """Pauses before each attempt to open a lost camera again; the last one repeats."""
 
-TRUSTED_S = 1.0
-"""Largest age of a driver's time that is believed."""
-
-KEPT = 3000
-"""Number of last pairs whose differences in time are kept."""
+TRUSTED_S, KEPT = 1.0, 3000
+"""Largest age of a driver's time that is believed, and number of last pairs whose differences in time are kept."""
 
 
 class CamerasSilent(InputError):

@@ -21,11 +21,8 @@ CLASS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 MANUAL, AUTOMATIC = 1, 3
 """Values of the V4L2 control `auto_exposure`: manual, and aperture priority."""
 
-EXPOSURE_UNIT_MS = 0.1
-"""Unit of the V4L2 control `exposure_time_absolute`."""
-
-MARGIN = 0.05
-"""Relative difference of rates and exposures that is ignored: cameras that say 29.97 for 30 mean the same."""
+EXPOSURE_UNIT_MS, MARGIN = 0.1, 0.05
+"""Unit of the V4L2 control `exposure_time_absolute`; relative difference that is ignored: 29.97 Hz for 30."""
 
 Image = np.ndarray[Any, np.dtype[np.uint8]]
 """`[H, W, 3]` in blue, green, red, or `[H, W]` in grey."""
@@ -61,13 +58,9 @@ class CameraSettings(Strict):
 class Capture(Protocol):
     """The part of `cv2.VideoCapture` that is used."""
 
-    def grab(self) -> bool:
-        """Wait for the next frame; False when there is none."""
-        ...
+    def grab(self) -> bool: ...
 
-    def retrieve(self) -> tuple[bool, Any]:
-        """Decode the frame that was grabbed: `Image`, or nothing."""
-        ...
+    def retrieve(self) -> tuple[bool, Any]: ...
 
     def get(self, propId: int) -> float: ...
 
@@ -160,13 +153,9 @@ def set_up(capture: Capture, camera: Source, settings: CameraSettings) -> None:
 
 
 class Device(NamedTuple):
-    """A camera the kernel knows.
+    """A camera the kernel knows: `/dev/video0`, its name, and the name under `/dev/v4l/by-path`, or None.
 
-    Attributes:
-        node: `/dev/video0`.
-        name: what it calls itself.
-        by_path: the name under `/dev/v4l/by-path` that stays the same while the plug stays where it is, or None; it
-            says bus and port.
+    The last one says bus and port, and stays the same while the plug stays where it is.
     """
 
     node: str
@@ -176,8 +165,7 @@ class Device(NamedTuple):
 
 def list_devices(classes: Path = CLASS, dev: Path = DEV) -> list[Device]:
     """All nodes that give images. A USB camera has a second node for its metadata, which is left out."""
-    folder = dev / "v4l" / "by-path"
-    links = sorted(folder.iterdir(), reverse=True) if folder.is_dir() else []
+    links = sorted((dev / "v4l" / "by-path").glob("*"), reverse=True)
     names = {link.resolve().name: str(link) for link in links}
     entries = sorted(classes.glob("video*"), key=lambda path: (len(path.name), path.name))
     return [

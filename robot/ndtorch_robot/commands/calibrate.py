@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,9 +48,7 @@ class Calibrate:
     force: bool = False
     """Replace the file if it exists."""
     views: int = 20
-    """Number of views that are taken of live cameras."""
-    seconds: float = 300.0
-    """Time after which taking views of live cameras ends, in s."""
+    """Number of views that are taken of live cameras; Ctrl-C ends it."""
     keep: Path | None = None
     """Folder for the images of the views of live cameras."""
     width: int = 640
@@ -68,8 +65,8 @@ class Calibrate:
         from ndtorch_robot.calibration import Board, View, calibrate, find_view, write_calibration
 
         new_file(self.out, self.force)
-        if self.views < 1 or not 0 < self.seconds <= 86400:
-            raise InputError(f"expected --views >= 1 and --seconds > 0, got {self.views} and {self.seconds}")
+        if self.views < 1:
+            raise InputError(f"--views must be 1 or more, got {self.views}")
         board, views, pairs = Board(self.columns, self.rows, self.square_mm / 1000), list[View](), 0
         live, size = not (Path(self.left).is_dir() or Path(self.right).is_dir()), (0, 0)
         for left, right in self.live_pairs() if live else self.folder_pairs():
@@ -102,9 +99,8 @@ class Calibrate:
         from ndtorch_robot.cameras import CameraSettings, CamerasSilent, StereoCameras
 
         size = {"width_px": self.width, "height_px": self.height}
-        until = time.monotonic() + self.seconds
         with StereoCameras(CameraSettings(left=self.left, right=self.right, max_age_ms=500.0, **size)) as cameras:
-            while time.monotonic() < until:
+            while True:
                 with contextlib.suppress(CamerasSilent):
                     pair = cameras.read_pair()
                     yield pair.left.image, pair.right.image
@@ -114,14 +110,15 @@ class Calibrate:
 
         from ndtorch.scenes.readers import image_files, quiet_opencv
 
+        files = []
         for folder in (self.left, self.right):
             if not Path(folder).is_dir():
                 raise InputError(f"{folder}: no such folder")
-        left_files, right_files = (image_files(Path(folder)) for folder in (self.left, self.right))
-        if len(left_files) != len(right_files):
-            raise InputError(f"the folders must hold as many images, got {len(left_files)} and {len(right_files)}")
+            files.append(image_files(Path(folder)))
+        if len(files[0]) != len(files[1]):
+            raise InputError(f"the folders must hold as many images, got {len(files[0])} and {len(files[1])}")
         size = None
-        for paths in zip(left_files, right_files, strict=True):
+        for paths in zip(*files, strict=True):
             with quiet_opencv():
                 images: list[Any] = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
             for path, image in zip(paths, images, strict=True):

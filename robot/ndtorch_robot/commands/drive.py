@@ -102,22 +102,20 @@ def describe(result: Result) -> str:
     s, times = result.summary, result.summary["step_ms"]
     kinds = {"precision": "of its mass at true edges", "surfaces": "at any surface", "recall": "of the visible edges"}
     scores = [f"{100 * s['map'][key]:.0f} % {words}" for key, words in kinds.items() if s["map"][key] is not None]
-    title = ", ".join(filter(None, (s["arena"], f"seed {s['seed']}", s["controller"], s["disturbance"])))
     speed = s["simulated_seconds"] / max(s["wall_seconds"], 1e-9)
+    hits = f"{s['collisions']} ({s['collisions_per_hour']} an hour)"
     lines = [
-        title + " (interrupted)" * result.interrupted,
-        f"  {s['simulated_seconds']:.0f} s and {s['distance_m']:.0f} m driven, {speed:.1f}x real time",
-        f"  collisions {s['collisions']} ({s['collisions_per_hour']} an hour), "
-        f"stops {s['stopped']}, turns {s['turns']}, free area passed within 1 m {100 * s['free_area_passed']:.0f} %",
-        f"  map: {', '.join(scores) or 'nothing to compare'}",
+        ", ".join(filter(None, (s["arena"], f"seed {s['seed']}", s["controller"], s["disturbance"])))
+        + " (interrupted)" * result.interrupted,
+        f"{s['simulated_seconds']:.0f} s and {s['distance_m']:.0f} m driven, {speed:.1f}x real time",
+        f"collisions {hits}, stops {s['stopped']}, turns {s['turns']}, "
+        f"free area passed within 1 m {100 * s['free_area_passed']:.0f} %",
+        f"map: {', '.join(scores) or 'nothing to compare'}",
+        *(f"stood: {why}" for why in (*s["faults"], *s["troubles"])),
     ]
-    if s["faults"]:
-        lines.append(f"  stood {len(s['faults'])} times because of its cameras; the first: {s['faults'][0]}")
-    if s["troubles"]:
-        lines.append(f"  stood because {'; '.join(s['troubles'])}")
     if result.runner.navigator.localiser is not None and s["pose_error"]:
         labels = {"dead reckoning": s["pose_error"]["believed"], "corrected": s["pose_error"]["located"]}
         words = [f"{name} {e['end_m']:.2f} m and {e['end_degrees']:.1f} degrees" for name, e in labels.items()]
-        lines.append(f"  error of the pose at the end: {', '.join(words)}")
-    lines.append(f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms")
-    return "\n".join(lines)
+        lines.append(f"error of the pose at the end: {', '.join(words)}")
+    lines.append(f"navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms")
+    return "\n  ".join(lines)

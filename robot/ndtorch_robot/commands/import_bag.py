@@ -64,9 +64,7 @@ class Import:
             body, cameras, options = robot.body, robot.rig, options | navigation_options(self.robot)
         if self.controller is not None:
             options["controller"] = self.controller
-        where = {"camera_height": cameras.camera_height_m, "forward": cameras.camera_forward_m}
-        where["pitch"] = math.radians(cameras.camera_pitch_deg)
-        bag = StereoBag(self.bag, self.left, self.right, self.odometry, **where)
+        bag = StereoBag(self.bag, self.left, self.right, self.odometry, **cameras.place)
         if bag.topics.odometry is None:
             print_note("the bag has no odometry: the robot is taken to stand")
         runner = NavigatorRunner(options_of(options), bag.rig, bag.rate, None, False, body)
@@ -82,11 +80,8 @@ class Import:
                 ranged += int(runner.state.ranges.valid.sum())
                 recorder(Step(number, last, frames, driven, wanted, STAND, runner.state, restarted=anew))
         result = {**bag.topics._asdict(), "rate_hz": round(bag.rate, 3), "ranges": ranged, **recorder.summary()}
-        if self.json:
-            print(json.dumps(result))
-        else:
-            print(f"{recorder.steps} pairs of {self.bag} at {bag.rate:.1f} a second, {ranged} ranges: {self.out}")
-            print(f"  left {bag.topics.left}, right {bag.topics.right}, odometry {bag.topics.odometry or 'none'}")
+        words = f"{recorder.steps} pairs of {self.bag} at {bag.rate:.1f} a second, {ranged} ranges: {self.out}"
+        print(json.dumps(result) if self.json else f"{words}\n  {bag.topics}")
         if recorder.failed:
             print(f"error: {recorder.failed}", file=sys.stderr)
         return 1 if recorder.failed or not recorder.steps else 0

@@ -14,11 +14,8 @@ from ndtorch.navigation.stereo.features import MatchParams
 from ndtorch_robot.sim.plan import Floats, Plan, away
 from ndtorch_robot.sim.textures import ALONG
 
-NEAR = 0.10
-"""Metres from a true edge or surface within which mass of the map counts as right."""
-
-FAINTEST = 0.02
-"""A peak of the map counts when it is at least this part of its largest."""
+NEAR, FAINTEST = 0.10, 0.02
+"""Metres from a true edge within which mass of the map counts as right, and part of the largest peak that is one."""
 
 CONTRAST, WITHIN = 0.08, 0.02
 """Smallest jump of brightness that is an edge (ND-min answers it with 0.01, the weakest that is a feature), and the
@@ -29,36 +26,29 @@ OFTEN = 5
 
 
 class MapScore(NamedTuple):
-    """How good a map is; None where there is nothing to measure.
-
-    Attributes:
-        precision: part of the map's mass within 10 cm of a true edge.
-        recall: part of the visible edges that have a peak of the map within 10 cm.
-        position_error_cm: median distance from these edges to their peaks.
-        spacing_error_percent: of the median distance between the peaks of neighbouring doors.
-        surfaces: part of the map's mass within 10 cm of any surface: the measure of a map that was ranged all along
-            walls.
-    """
+    """How good a map is; None where there is nothing to measure."""
 
     precision: float | None = None
+    """Part of the map's mass within 10 cm of a true edge."""
     recall: float | None = None
+    """Part of the visible edges that have a peak of the map within 10 cm."""
     position_error_cm: float | None = None
+    """Median distance from these edges to their peaks."""
     spacing_error_percent: float | None = None
+    """Error of the median distance between the peaks of neighbouring doors."""
     surfaces: float | None = None
+    """Part of the map's mass within 10 cm of any surface: the measure of a map that was ranged all along walls."""
 
 
 class Edges(NamedTuple):
-    """Vertical edges at the height of the cameras.
+    """Vertical edges at the height of the cameras: places, m, and where the walls before and after them face.
 
-    Attributes:
-        places: `[E, 2]`, m.
-        faint: `[E]`, convex corners of two equally bright walls, which show only where one hides behind the other.
-        normals: `[E, 2, 2]`, where the walls before and after the edge face.
+    Faint ones are convex corners of two equally bright walls, which show only where one hides behind the other.
     """
 
-    places: Floats
-    faint: npt.NDArray[np.bool_]
-    normals: Floats
+    places: Floats  # [E, 2]
+    faint: npt.NDArray[np.bool_]  # [E]
+    normals: Floats  # [E, 2, 2]
 
 
 def true_edges(plan: Plan, profiles: list[Floats], height: float) -> Edges:

@@ -28,22 +28,14 @@ from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand,
 GONE = (OSError, termios.error, TypeError)
 """What pyserial raises when the cable is pulled; TypeError when the port was closed in between."""
 
-HEARTBEAT = 0.03
-"""Seconds between heartbeats; the board stops after 0.15 s without."""
+HEARTBEAT, HELLO_EVERY = 0.03, 0.1
+"""Seconds between heartbeats, without which the board stops after 0.15 s, and between greetings."""
 
-LOOP_PATIENCE = 0.12
-"""Seconds without a command after which the loop counts as dead: no more heartbeats, and a stop."""
+LOOP_PATIENCE, LINK_PATIENCE = 0.12, 0.12
+"""Seconds without a command after which the loop counts as dead, and without telemetry after which the link is lost."""
 
-LINK_PATIENCE = 0.12
-"""Seconds without valid telemetry after which the link counts as lost."""
-
-OLDEST_COMMAND = 0.1
-"""Age at which a command is no longer sent, s."""
-
-ARMING = 0.1
-"""Seconds in which telemetry may still say that the board is not armed."""
-
-HELLO_EVERY = 0.1
+OLDEST_COMMAND, ARMING = 0.1, 0.1
+"""Age at which a command is no longer sent, s, and time in which the board may still say that it is not armed."""
 
 NOISE_LIMIT, FORGIVE = 4, 0.2
 """More refused frames than this, less one forgiven every 0.2 s, are a bad line."""
@@ -66,13 +58,12 @@ class LinkDrive(Drive):
     commands, the board stops by itself.
 
     Args:
-        port: where frames are written to.
+        port: where frames are written to; None while it is gone.
         now: the time, s.
         board_name: name the board must have; any by default.
         report: called once for every event, with one line.
 
     Attributes:
-        port: None while it is gone.
         heard: the latest telemetry, None before any.
         refusal: why the board cannot be used at all, or None.
     """

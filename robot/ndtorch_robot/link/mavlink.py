@@ -30,11 +30,8 @@ HEARTBEAT_PATIENCE, MOTION_PATIENCE = 2.5, 0.5
 MOTION_INTERVAL_US = 1e6 / 30
 """Time between two messages of motion that the autopilot is asked for."""
 
-GUIDED = 15
-"""Number of the mode of ArduPilot Rover that takes set-points."""
-
-VELOCITY_AND_YAW_RATE = 0x5C7
-"""Type mask of a set-point: velocity and yaw rate count, all else does not."""
+GUIDED, VELOCITY_AND_YAW_RATE = 15, 0x5C7
+"""Mode of ArduPilot Rover that takes set-points; type mask of one of which velocity and yaw rate alone count."""
 
 SLOW = 0.05
 """Below this speed the curvature is not known from the yaw rate, m/s."""

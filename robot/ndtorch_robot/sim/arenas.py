@@ -21,10 +21,8 @@ from ndtorch.utils.toml import Strict, read_toml, toml_values
 from ndtorch_robot.sim.plan import Plan, Point, Ring, SpawnPoints, circle, cylinder, ring
 from ndtorch_robot.sim.textures import Pattern
 
-DOOR_SPACING = 1.308
-"""Metres between neighbouring doors, as measured in the hallway of [A §2.3]."""
-
-DOOR_WIDTH, NICHE = 0.91, 0.10
+DOOR_SPACING, DOOR_WIDTH, NICHE = 1.308, 0.91, 0.10
+"""Metres between neighbouring doors, as measured in the hallway of [A §2.3], their width, and depth of their niches."""
 
 LEG, PLATE, INSET = 0.03, 0.03, 0.05
 """Width of the legs of chairs and tables, thickness of seats and tops, and distance of legs from the edges, m."""
@@ -94,10 +92,10 @@ def next_loop(edges: dict[Node, list[Node]]) -> list[Node]:
 
 def labelled(points: list[Point], boxes: list[Box]) -> Ring:
     """A ring with the kinds of its walls, and without corners in the middle of straight walls of one kind."""
-    kinds = [surface_kind(a, b, boxes) for a, b in zip(points, points[1:] + points[:1], strict=True)]
-    kept = []
-    for k, (x, y) in enumerate(points):
-        (ax, ay), (bx, by) = points[k - 1], points[(k + 1) % len(points)]
+    after = points[1:] + points[:1]
+    kinds, kept = [surface_kind(a, b, boxes) for a, b in zip(points, after, strict=True)], []
+    for k, ((x, y), (bx, by)) in enumerate(zip(points, after, strict=True)):
+        ax, ay = points[k - 1]
         if kinds[k] != kinds[k - 1] or abs((x - ax) * (by - y) - (y - ay) * (bx - x)) >= 1e-9:
             kept.append(k)
     return Ring(tuple(points[k] for k in kept), tuple(kinds[k] for k in kept))
@@ -198,11 +196,11 @@ def room(seed: int) -> Plan:
     rooms = [Box(0, 0, side, side), Box(x, side, x + DOOR_WIDTH, side + NICHE, "door")]
     rooms.append(Box(side, y, side + NICHE, y + DOOR_WIDTH, "door"))
     outline, _ = trace(rooms)
-    pillars: list[tuple[float, float]] = []
+    pillars: list[Point] = []
     while len(pillars) < 5:
-        place = tuple(float(v) for v in rng.uniform(1.6, side - 1.6, 2))
-        if all(math.dist(place, other) > 2.0 for other in pillars):
-            pillars.append((place[0], place[1]))
+        x, y = rng.uniform(1.6, side - 1.6, 2).tolist()
+        if all(math.dist((x, y), other) > 2.0 for other in pillars):
+            pillars.append((x, y))
     solids = []
     for k, p in enumerate(pillars):
         if k % 2:
@@ -276,13 +274,7 @@ def dead_end(seed: int) -> Plan:
     return Plan("dead-end", outline, solids, (4.6, y + 0.5, 0.0))
 
 
-BUILDINGS: dict[str, Callable[[int], Plan]] = {
-    "hallway": hallway,
-    "curve": curve,
-    "loop": loop,
-    "room": room,
-    "office": office,
-}
+BUILDINGS = {make.__name__: make for make in (hallway, curve, loop, room, office)}
 FLOORS: dict[str, tuple[Callable[[int], Plan], Pattern]] = {
     "tiles": (loop, "tiles"),
     "checker": (loop, "checker"),
@@ -292,7 +284,7 @@ FLOORS: dict[str, tuple[Callable[[int], Plan], Pattern]] = {
 """Buildings with other floors: tiles of 30 cm with joints of 6 mm, light and dark checks of 25 cm, a floor almost
 without texture, and dark lines of 3 cm across it every 2.5 m."""
 
-FURNISHED: dict[str, Callable[[int], Plan]] = {"chairs": chairs, "dead-end": dead_end}
+FURNISHED = {"chairs": chairs, "dead-end": dead_end}
 FILES = ("slalom", "sofa", "door-61", "door-81", "t-junction")
 TESTS = (*FLOORS, *FURNISHED, *FILES)
 ARENAS = (*BUILDINGS, *TESTS)
@@ -381,9 +373,8 @@ def load_arena(name: str, seed: int = 0) -> Plan:
     if name in FLOORS:
         make, floor = FLOORS[name]
         return replace(make(seed), name=name, floor=floor)
-    made = BUILDINGS | FURNISHED
-    if name in made:
-        return made[name](seed)
+    if name in BUILDINGS | FURNISHED:
+        return (BUILDINGS | FURNISHED)[name](seed)
     if name not in FILES and not name.endswith(".toml"):
         known = ", ".join(ARENAS)
         raise InputError(f"no arena {name!r}, choose one of {known} or a .toml file{did_you_mean(name, ARENAS)}")

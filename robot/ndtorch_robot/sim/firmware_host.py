@@ -74,9 +74,8 @@ class FirmwareHost:
     def run(self, now: float, data: bytes = b"") -> tuple[bytes, list[Pulse]]:
         """Go on until a time, s; these bytes come just before it. Returns answers, and ended pulses."""
         ms = round(now * 1e3)
-        count = self.library.board_run(
-            self.board, ctypes.c_uint32(ms), data, ctypes.c_uint(len(data)), self.out, ctypes.c_uint(BUFFER_BYTES)
-        )
+        given = ctypes.c_uint32(ms), data, ctypes.c_uint(len(data)), self.out, ctypes.c_uint(BUFFER_BYTES)
+        count = self.library.board_run(self.board, *given)
         if ms // PERIOD_MS == self.period:
             return self.out.raw[:count], []
         self.period = ms // PERIOD_MS

@@ -21,12 +21,8 @@ Point = tuple[float, float]
 OVERHEAD, DRIVEN_OVER = 0.25, 0.02
 """Metres: what hangs higher than the first is above the car (0.19 m high), what is lower than the second is a sill."""
 
-WIDEST = 100.0
-"""Metres of a side of a building, at most: its floor is one texture."""
-
-
-STEP = 0.2
-"""Spacing of the places where a drive could begin, m, at most."""
+WIDEST, STEP = 100.0, 0.2
+"""Metres of a side of a building, whose floor is one texture, and between places where a drive could begin, at most."""
 
 
 @dataclass(frozen=True)
@@ -160,21 +156,13 @@ class Plan:
     def cast(self, origin: Floats, angles: Floats) -> Floats:
         """Distance from `origin` (x, y) to the first surface in world directions `[N]`, m; inf where there is none."""
         a, b = self.in_the_way[:, 0], self.in_the_way[:, 1]
-        ray = np.stack((np.cos(angles), np.sin(angles)), -1)[:, None]
-        distance, ratio = crossing(origin, ray, a, b - a)
+        x, y = np.cos(angles)[:, None], np.sin(angles)[:, None]
+        (along_x, along_y), (to_x, to_y) = (b - a).T, (a - origin).T
+        cross = x * along_y - y * along_x
+        cross = np.where(np.abs(cross) > 1e-12, cross, np.nan)
+        distance, ratio = (to_x * along_y - to_y * along_x) / cross, (to_x * y - to_y * x) / cross
         hit = (distance > 1e-9) & (ratio >= -1e-9) & (ratio <= 1 + 1e-9)
         return np.asarray(np.where(hit, distance, np.inf).min(-1))
-
-
-def crossing(origin: Floats, ray: Floats, start: Floats, along: Floats) -> tuple[Floats, Floats]:
-    """Where the lines `origin + s ray` and `start + t along`, `[..., 2]`, cross: s and t, NaN where parallel."""
-    to = start - origin
-    cross = ray[..., 0] * along[..., 1] - ray[..., 1] * along[..., 0]
-    cross = np.where(np.abs(cross) > 1e-12, cross, np.nan)
-    return (
-        (to[..., 0] * along[..., 1] - to[..., 1] * along[..., 0]) / cross,
-        (to[..., 0] * ray[..., 1] - to[..., 1] * ray[..., 0]) / cross,
-    )
 
 
 def away(points: Floats, segments: Floats) -> Floats:
@@ -225,9 +213,9 @@ class SpawnPoints:
 
     def by_distance(self, x: float, y: float) -> Iterator[tuple[float, float, float]]:
         """All places, the nearest first, each with its best heading."""
-        points = self.points
-        for k in np.hypot(*(points - np.array((x, y))).T).argsort(kind="stable"):
-            yield float(points[k][0]), float(points[k][1]), self.heading(float(points[k][0]), float(points[k][1]))
+        for k in np.hypot(*(self.points - np.array((x, y))).T).argsort(kind="stable"):
+            place = self.points[k].tolist()
+            yield place[0], place[1], self.heading(*place)
 
     def heading(self, x: float, y: float) -> float:
         """Of 24 directions the one in which a car can drive farthest."""

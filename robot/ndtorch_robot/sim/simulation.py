@@ -29,11 +29,8 @@ SCALE_ERROR, DRIFT = 0.01, math.radians(0.05)
 SUBSTEPS = 120
 """Steps of physics a second: the car moves 4 mm in one."""
 
-RIG = StereoRig(forward=0.15)
-"""The cameras of the robot: the pair of [A], 15 cm ahead of the middle of the body."""
-
-BODY = Body()
-"""The car of [A]."""
+RIG, BODY = StereoRig(forward=0.15), Body()
+"""The car of [A], and its pair of cameras, 15 cm ahead of the middle of the body."""
 
 
 class Collision(NamedTuple):
@@ -46,19 +43,12 @@ class Collision(NamedTuple):
 
 
 class CarLimits(NamedTuple):
-    """What the car can do. [A] gives speed and radius; the steering is that of model-car servos, from lock to lock.
+    """What the car can do. [A] gives speed and radius; the steering is that of model-car servos, from lock to lock."""
 
-    Attributes:
-        speed: fastest, m/s, forward and backward.
-        curvature: tightest, 1/m.
-        acceleration: m/s^2, also when braking.
-        steering: how fast the curvature can change, 1/m a second.
-    """
-
-    speed: float = 1.0
-    curvature: float = 2.2
-    acceleration: float = 2.5
-    steering: float = 8.0
+    speed: float = 1.0  # m/s, forward and backward
+    curvature: float = 2.2  # 1/m
+    acceleration: float = 2.5  # m/s^2, also when braking
+    steering: float = 8.0  # change of the curvature, 1/m a second
 
     @classmethod
     def of(cls, body: Body) -> CarLimits:
@@ -73,9 +63,7 @@ class CarLimits(NamedTuple):
 class Car:
     """Where the car is and what it does. Pose: x, y in m and heading in radians of the middle of its body.
 
-    Args:
-        limits: what it can do.
-        delay: time until a command takes effect, s.
+    Commands take effect after `delay` seconds.
     """
 
     def __init__(self, limits: CarLimits | None = None, delay: float = 0.0) -> None:
@@ -132,17 +120,7 @@ REACH = (0.02, 60.0)
 
 
 class Cameras:
-    """Renders what the cameras of a rig see from a pose of the car.
-
-    The pixels of a strip equal those of the whole frame to the bit.
-
-    Args:
-        world: of `build`.
-        rig: the camera pair.
-        fields: the subfields of both images; `rig.subfields()` by default.
-        full_frames: render whole frames instead of strips.
-        disturbances: how the real cameras differ from `rig`.
-    """
+    """Renders what the cameras of a rig see from a pose; the pixels of a strip equal those of the frame to the bit."""
 
     def __init__(
         self,
@@ -329,11 +307,10 @@ class Simulation(Drive):
         self.car.stop()
 
     def driven(self) -> DriveCommand:
-        driven = self.effects.odometry(self.car.driven(), self.now())
-        speed, curvature = driven
+        speed, curvature = self.effects.odometry(self.car.driven(), self.now())
         if self.odometry == "noisy" and speed != 0:
-            return DriveCommand(speed * (1 + SCALE_ERROR), (curvature + DRIFT / speed) / (1 + SCALE_ERROR))
-        return driven
+            speed, curvature = speed * (1 + SCALE_ERROR), (curvature + DRIFT / speed) / (1 + SCALE_ERROR)
+        return DriveCommand(speed, curvature)
 
     def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
         return self, self

@@ -16,19 +16,13 @@ from ndtorch_robot.sim.textures import Image, ceiling_texture, floor_texture, ri
 SKIRTING = (0.006, 0.08)
 """Depth and height of the skirting, m."""
 
-GROUND_CLEARANCE = 0.05
-"""Height of the underside of the car of [A] above the floor, m; its top is a centimetre below its cameras."""
-
-CEILING_TILE = 9.6
-"""Metres after which the ceiling repeats itself."""
+GROUND_CLEARANCE, CEILING_TILE = 0.05, 9.6
+"""Height of the underside of the car of [A] above the floor, m, and metres after which the ceiling repeats itself."""
 
 SKIRTING_COLOR, LID_COLOR = 51 | 48 << 8 | 46 << 16, 115 | 84 << 8 | 56 << 16
 
-MARGIN = 4
-"""Texels around the texture of a surface that repeat its border, so that no filter sees its other side."""
-
-LEVELS = 16
-"""Mipmaps of a texture at most, itself included: each is half as large as the one before, down to a single texel."""
+MARGIN, LEVELS = 4, 16
+"""Texels around a texture that repeat its border, so that no filter sees its other side, and mipmaps at most."""
 
 Corner = tuple[float, float, float, float, float]
 
@@ -56,12 +50,7 @@ class World(NamedTuple):
 
 
 class Quads:
-    """Quads with texture coordinates; each is two triangles.
-
-    Attributes:
-        quads: corners counter-clockwise as seen from where the quad is visible.
-        surface: of each, as in `World`.
-    """
+    """Quads with texture coordinates; corners are counter-clockwise as seen from where the quad is visible."""
 
     def __init__(self) -> None:
         self.quads: list[list[Corner]] = []
