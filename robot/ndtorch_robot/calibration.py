@@ -69,26 +69,16 @@ class View(NamedTuple):
 
 
 class Quality(NamedTuple):
-    """How well a calibration fits its images.
+    """How well a calibration fits its images; of both cameras the worse."""
 
-    Attributes:
-        views: pairs of images used.
-        left_px, right_px: root mean square distance of the corners from where each camera's model puts them.
-        pair_px: the same with one common pose of the board for both cameras.
-        row_px: root mean square difference of the rows of a corner in both rectified images.
-        focal_percent: standard deviation of the focal lengths, the larger of both cameras.
-        tilt_deg: angle between the two boards of most different direction, the smaller of both cameras.
-        covered_percent: cells of an 8 x 8 grid over the image with a corner, the smaller of both cameras.
-    """
-
-    views: int
-    left_px: float
+    views: int  # pairs of images used
+    left_px: float  # root mean square distance of the corners from where the camera's model puts them
     right_px: float
-    pair_px: float
-    row_px: float
-    focal_percent: float
-    tilt_deg: float
-    covered_percent: float
+    pair_px: float  # the same with one common pose of the board for both cameras
+    row_px: float  # root mean square difference of the rows of a corner in both rectified images
+    focal_percent: float  # standard deviation of the focal lengths
+    tilt_deg: float  # angle between the two boards of most different direction
+    covered_percent: float  # cells of an 8 x 8 grid over the image with a corner
 
     def faults(self) -> list[str]:
         """What is not good enough, in words; nothing for a calibration that may be used."""

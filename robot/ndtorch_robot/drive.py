@@ -40,27 +40,18 @@ STOP_TIME = 2.0
 
 @dataclass
 class Result:
-    """A drive as it was.
-
-    Attributes:
-        summary: what `summary.json` holds.
-        record: frame by frame.
-        plan, cells: the building, and the map that was made of it.
-        path: where the car was as far as it knew.
-        stops: times at which the controller stopped for good.
-        interrupted: by Ctrl-C.
-    """
+    """A drive as it was."""
 
     config: DriveConfig
-    summary: dict[str, Any]
-    record: Record
+    summary: dict[str, Any]  # what `summary.json` holds
+    record: Record  # frame by frame
     plan: Plan
-    cells: torch.Tensor
+    cells: torch.Tensor  # of the map
     simulation: Simulation
     runner: NavigatorRunner
-    path: WalkedPath
-    stops: list[float]
-    interrupted: bool
+    path: WalkedPath  # where the car was as far as it knew
+    stops: list[float]  # times at which the controller stopped for good
+    interrupted: bool  # by Ctrl-C
 
 
 def drive(

@@ -186,32 +186,19 @@ class Clock(Protocol):
 
 
 class Step(NamedTuple):
-    """One step of the loop, for observers; a recording keeps all but `state`.
-
-    Attributes:
-        number, time: of the step; seconds on the clock of the loop.
-        frames: of the cameras; None when they gave none.
-        driven: motion since the step before.
-        wanted, sent: command of the navigator, and of the safety layer to the drive.
-        state: of the navigator after the step; None when it was not asked.
-        standing: the reason for which the car is stopped, or None.
-        used: whether the navigator processed the frames.
-        restarted: the navigator was restarted, after it had seen nothing, or no motion.
-        placed: the place to which the car was moved before this step, where the navigator was restarted.
-        telemetry: of the drive.
-    """
+    """One step of the loop, for observers; a recording keeps all but `state`."""
 
     number: int
-    time: float
-    frames: StereoFrames | None
-    driven: DriveCommand
-    wanted: DriveCommand
-    sent: DriveCommand
-    state: NavigatorState | None = None
-    standing: str | None = None
-    used: bool = True
-    restarted: bool = False
-    placed: Placed = None
+    time: float  # s on the clock of the loop
+    frames: StereoFrames | None  # None when the cameras gave none
+    driven: DriveCommand  # motion since the step before
+    wanted: DriveCommand  # by the navigator
+    sent: DriveCommand  # by the safety layer to the drive
+    state: NavigatorState | None = None  # of the navigator after the step; None when it was not asked
+    standing: str | None = None  # the reason for which the car is stopped
+    used: bool = True  # whether the navigator processed the frames
+    restarted: bool = False  # the navigator was restarted, after it had seen nothing, or no motion
+    placed: Placed = None  # where the car was moved before this step, where the navigator was restarted
     telemetry: Mapping[str, Any] = MappingProxyType({})
 
 

@@ -80,29 +80,18 @@ class Frame(NamedTuple):
 
 
 class Telemetry(NamedTuple):
-    """What the board does.
+    """What the board does."""
 
-    Attributes:
-        echo: sequence number of the last heartbeat received.
-        armed: whether it obeys commands.
-        faults: why it does not.
-        applied: speed, m/s, after the ramp, and curvature, 1/m, that the pulses mean.
-        battery_v: 0 when it is not measured.
-        motor_us, front_us, rear_us: pulse widths.
-        rejected: frames refused since it was switched on.
-        uptime_s: modulo 65536.
-    """
-
-    echo: int
-    armed: bool
-    faults: Fault
-    applied: DriveCommand
-    battery_v: float
+    echo: int  # sequence number of the last heartbeat received
+    armed: bool  # whether it obeys commands
+    faults: Fault  # why it does not
+    applied: DriveCommand  # speed after the ramp, and curvature, that the pulses mean
+    battery_v: float  # 0 when it is not measured
     motor_us: int
     front_us: int
     rear_us: int
-    rejected: int
-    uptime_s: int
+    rejected: int  # frames refused since it was switched on
+    uptime_s: int  # modulo 65536
 
     def words(self) -> list[str]:
         return [WORDS[fault] for fault in Fault if fault in self.faults]

@@ -18,8 +18,7 @@ from pydantic import Field
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import Strict, read_toml, toml_values
-from ndtorch_robot.sim.plan import Plan, Point, Ring, SpawnPoints, circle, cylinder, ring
-from ndtorch_robot.sim.textures import Pattern
+from ndtorch_robot.sim.plan import Pattern, Plan, Point, Ring, SpawnPoints, circle, cylinder, ring
 
 DOOR_SPACING, DOOR_WIDTH, NICHE = 1.308, 0.91, 0.10
 """Metres between neighbouring doors, as measured in the hallway of [A §2.3], their width, and depth of their niches."""
@@ -325,25 +324,18 @@ class Block(Strict):
 
 
 class ArenaFile(Strict):
-    """The keys of a file; docs/robot/simulation.md has one. Rectangles are left, bottom, right, top, m.
-
-    Attributes:
-        doors: rectangles that join rooms through thin walls.
-        boxes: low boxes, overhangs and sills.
-        start: x, y, m, and heading, degrees.
-        height: of the ceiling, m.
-    """
+    """The keys of a file; docs/robot/simulation.md has one. Rectangles are left, bottom, right, top, m."""
 
     name: str
     description: str = ""
     rooms: Annotated[tuple[Four, ...], Field(min_length=1)]
-    doors: tuple[Four, ...] = ()
+    doors: tuple[Four, ...] = ()  # join rooms through thin walls
     pillars: tuple[Pillar, ...] = ()
-    boxes: tuple[Block, ...] = ()
+    boxes: tuple[Block, ...] = ()  # low boxes, overhangs and sills
     tables: tuple[Block, ...] = ()
     floor: Pattern = "carpet"
-    start: tuple[float, float, float] | None = None
-    height: Annotated[float, Field(ge=1, le=10)] = 2.4
+    start: tuple[float, float, float] | None = None  # x, y, m, and heading, degrees
+    height: Annotated[float, Field(ge=1, le=10)] = 2.4  # of the ceiling, m
 
     def plan(self) -> Plan:
         rooms = [rectangle(room, NARROWEST, NARROWEST) for room in self.rooms]

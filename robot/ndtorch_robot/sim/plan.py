@@ -6,17 +6,18 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
-from ndtorch_robot.sim.textures import Pattern
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Point = tuple[float, float]
+Pattern = Literal["carpet", "tiles", "checker", "smooth", "lines"]
 
 OVERHEAD, DRIVEN_OVER = 0.25, 0.02
 """Metres: what hangs higher than the first is above the car (0.19 m high), what is lower than the second is a sill."""
@@ -29,20 +30,14 @@ WIDEST, STEP = 100.0, 0.2
 class Ring:
     """A closed polygon of vertical surfaces.
 
-    Args:
-        points: corners in order, m. Those of an outline run counter-clockwise, those of solids clockwise, so
-            that the free side is always on the left.
-        kinds: one of `textures.COLORS` for the surface from each corner to the next.
-        height: m; None is up to the ceiling.
-        radius: the ring approximates a cylinder of this radius about the middle of its corners, m; 0 is the polygon.
-        bottom: m; there is air below it.
+    The corners of an outline run counter-clockwise, those of solids clockwise, so that the free side is on the left.
     """
 
     points: tuple[Point, ...]
-    kinds: tuple[str, ...]
-    height: float | None = None
-    radius: float = 0.0
-    bottom: float = 0.0
+    kinds: tuple[str, ...]  # one of `textures.COLORS` for the surface from each corner to the next
+    height: float | None = None  # m; None is up to the ceiling
+    radius: float = 0.0  # of the cylinder about the middle of its corners that it approximates, m; 0: the polygon
+    bottom: float = 0.0  # m; there is air below it
 
     @property
     def stops(self) -> bool:
@@ -86,26 +81,15 @@ def circle(x: float, y: float, radius: float, corners: int, turned: float = 0.0)
 
 @dataclass(frozen=True)
 class Plan:
-    """A building: the free space inside `outline` and outside all `solids`.
-
-    Args:
-        name: of the arena.
-        outline: ring around everything.
-        solids: pillars, furniture, inner walls.
-        start: x, y in m and heading in radians where a drive begins; None lets the seed choose.
-        doors: rows of corners that are one door apart, for scoring the spacing of doors.
-        spacing: distance between neighbouring doors, m; 0 where there are none.
-        height: of the ceiling, m.
-        floor: what it looks like.
-    """
+    """A building: the free space inside `outline` and outside all `solids`."""
 
     name: str
     outline: Ring
-    solids: tuple[Ring, ...] = ()
-    start: tuple[float, float, float] | None = None
-    doors: tuple[tuple[Point, ...], ...] = ()
-    spacing: float = 0.0
-    height: float = 2.4
+    solids: tuple[Ring, ...] = ()  # pillars, furniture, inner walls
+    start: tuple[float, float, float] | None = None  # x, y, m, and heading, radians; None lets the seed choose
+    doors: tuple[tuple[Point, ...], ...] = ()  # rows of corners that are one door apart, for scoring their spacing
+    spacing: float = 0.0  # of neighbouring doors, m; 0 where there are none
+    height: float = 2.4  # of the ceiling, m
     floor: Pattern = "carpet"
 
     def check(self) -> Plan:

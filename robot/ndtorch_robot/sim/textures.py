@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from ndtorch_robot.sim.plan import Plan, Ring
+from ndtorch_robot.sim.plan import Pattern, Plan, Ring
 
-Pattern = Literal["carpet", "tiles", "checker", "smooth", "lines"]
 Image = npt.NDArray[np.uint8]
 Array = npt.NDArray[Any]
 

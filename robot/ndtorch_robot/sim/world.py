@@ -30,23 +30,17 @@ Corner = tuple[float, float, float, float, float]
 class World(NamedTuple):
     """A building.
 
-    Attributes:
-        corners: triangles: x, y, z, m, and texture coordinates, `[N, 3, 5]`.
-        surface: number of the texture, or -1 less a color of 24 bits, `[N]` int32.
-        texels: of all mipmaps, each with a border of one texel that repeats its opposite side, `[T]` uint32.
-        mipmaps: where each mipmap of each texture begins, its width and its height, `[textures, LEVELS, 3]` int32;
-            the last one is repeated.
-        walls: what the car cannot pass, `[S, 2, 2]`, and `posts`, x, y and radius, `[C, 3]`.
-        profiles: for each edge of each ring, its brightness `[columns]` at the height of the cameras.
+    The triangles, textures and mipmaps are those of the kernel `rasterise`; `[textures, LEVELS, 3]` mipmaps repeat
+    their last one.
     """
 
     corners: Floats
     surface: npt.NDArray[np.int32]
     texels: npt.NDArray[np.uint32]
     mipmaps: npt.NDArray[np.int32]
-    walls: Floats
-    posts: Floats
-    profiles: list[Floats]
+    walls: Floats  # what the car cannot pass, [S, 2, 2]
+    posts: Floats  # the same: x, y, radius, [C, 3]
+    profiles: list[Floats]  # of each edge of each ring: brightness [columns] at the height of the cameras
 
 
 class Quads:
