@@ -9,40 +9,32 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
-from statistics import median
-from typing import Any
 
-from ndtorch_robot.run_config import read_run_config
-from tests.fault_injection.faults import FAULTS
-from tests.fault_injection.scenario import drive_scenario, resident_megabytes
+import pandas as pd
 
+from ndtorch_robot.link import HOSTED_BOARD
+from ndtorch_robot.run import open_car
+from ndtorch_robot.run_config import RunConfig, SimulationTable, read_run_config
+from ndtorch_robot.sim.arenas import BUILDINGS
+from tests.fault_injection.faults import FAULTS, Fault
+from tests.fault_injection.injector import FaultInjector
 
-def table(scenarios: list[dict[str, Any]]) -> str:
-    """One line for each fault, in Markdown."""
-    lines = ["| part | fault | max reaction s | injected | failed | median s | longest s | recovery s |"]
-    lines.append("|---|---|---:|---:|---:|---:|---:|---:|")
-    rows = [row for scenario in scenarios for row in scenario["faults"]]
-    for fault in FAULTS:
-        own = [row for row in rows if (row["part"], row["fault"]) == fault[:2]]
-        reaction = [row["reaction_s"] for row in own if row["reaction_s"] is not None]
-        recovery = [row["recovered_s"] for row in own if row["recovered_s"] is not None]
-        deadline = "drives on" if fault.max_reaction_s is None else f"{fault.max_reaction_s:g}"
-        failed = sum(row["failure"] is not None for row in own)
-        times = f"{median(reaction):.2f} | {max(reaction):.2f}" if reaction else "- | -"
-        back = f"{median(recovery):.1f}" if recovery else "-"
-        lines.append(f"| {fault.part} | {fault.name} | {deadline} | {len(own)} | {failed} | {times} | {back} |")
-    return "\n".join(lines)
+FIRST_SEED = 50_000
+"""Seeds of the buildings, which no other test uses."""
 
 
-def failures(scenario: dict[str, Any]) -> list[str]:
-    """Every unexplained stop and late reaction, one line each."""
-    where = f"scenario {scenario['number']}, {scenario['arena']}"
-    failed = [row for row in scenario["faults"] if row["failure"] is not None]
-    return [
-        *(f"{where}: unexplained stop at {line}" for line in scenario["unexplained"]),
-        *(f"{where}, {row['time_s']:.2f} s: {row['part']}, {row['fault']}: {row['failure']}" for row in failed),
-    ]
+def drive_scenario(config: RunConfig, number: int, seconds: float, faults: Sequence[Fault] = FAULTS) -> FaultInjector:
+    """Drive one scenario; its building, faults and their times follow from its number."""
+    world = SimulationTable(arena=list(BUILDINGS)[number % len(BUILDINGS)], seed=FIRST_SEED + number)
+    config = config.model_copy(update={"simulation": world, "cameras": None, "link": {"kind": HOSTED_BOARD}})
+    with tempfile.TemporaryDirectory() as scratch, open_car(config, lambda line: None, go=True) as car:
+        injector = FaultInjector(car, number, Path(scratch) / "recording.mcap", faults)
+        car.observers.append(injector)
+        car.run(seconds)
+    return injector
 
 
 def main() -> int:
@@ -55,17 +47,20 @@ def main() -> int:
     parser.add_argument("--first-scenario", type=int, default=0, help="number that seeds building, faults and times")
     parser.add_argument("--only", nargs="+", choices=[fault.name for fault in FAULTS], help="faults to inject")
     options = parser.parse_args()
-    config, scenarios, failed = read_run_config(options.config), [], []
+    config, rows, failures = read_run_config(options.config), [], 0
     faults = [fault for fault in FAULTS if options.only is None or fault.name in options.only]
     torch.set_num_threads(1)
     for n in range(max(1, round(60 * options.minutes / options.scenario_seconds))):
-        scenarios.append(drive_scenario(config, options.first_scenario + n, options.scenario_seconds, faults))
-        failed += failures(scenarios[-1])
-        done = ", ".join(f"{len(scenarios[-1][key])} {key}" for key in ("faults", "unexplained", "blank"))
-        print(f"scenario {n}: {done}, {resident_megabytes():.0f} MB", *failures(scenarios[-1]), sep="\n", flush=True)
-    hours = sum(scenario["seconds"] for scenario in scenarios) / 3600
-    print(table(scenarios), f"\n{hours:.2f} hours, {len(failed)} failures", *failed, sep="\n")
-    return bool(failed)
+        injector = drive_scenario(config, options.first_scenario + n, options.scenario_seconds, faults)
+        own = [row for row in injector.rows if "recovered_s" in row]
+        rows += own
+        failed = [*injector.unexplained, *(f"{row['fault']}: {row['failure']}" for row in own if row["failure"])]
+        failures += len(failed)
+        print(f"scenario {n}: {len(own)} faults, {len(injector.blank)} blank walls", *failed, sep="\n", flush=True)
+    groups = pd.DataFrame(rows).groupby(["part", "fault"])
+    times = groups[["reaction_s", "recovered_s"]].agg(["count", "median", "max"])
+    print(times.to_string(), groups["failure"].count().to_string(), f"{failures} failures", sep="\n")
+    return bool(failures)
 
 
 if __name__ == "__main__":

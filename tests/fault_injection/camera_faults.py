@@ -16,25 +16,15 @@ from ndtorch_robot.ports import StereoFrames
 
 Levels = npt.NDArray[np.float64]
 
-NOISE = 1.0
-"""Standard deviation of the noise of good cameras, levels of 255; rendered frames have none."""
+NOISE, POOL = 1.0, 1 << 20
+"""Standard deviation of the noise of good cameras, levels of 255, and values that are drawn once."""
 
-POOL = 1 << 20
-"""Noise values that are drawn once; each frame begins at a random place in them, which halves the time of a run."""
-
-PERIOD = 1 / 30
-"""Seconds between two frames."""
-
-DELAY_FRAMES = 8
-"""Frames by which late frames are late: 0.27 s at 30 a second."""
+PERIOD, DELAY_FRAMES = 1 / 30, 8
+"""Seconds between two frames, and frames by which late frames are late."""
 
 
 class FaultyCameras:
-    """The cameras of a simulated world.
-
-    Args:
-        world: whose frames they give.
-        seed: of the noise and of which camera fails.
+    """The cameras of a simulated world; the seed is that of the noise and of which camera fails.
 
     Attributes:
         fault: the present fault of `tests.fault_injection.faults`, or None.
@@ -111,7 +101,6 @@ class FaultyCameras:
         return changed(image, noisy)
 
     def close(self) -> None:
-        """Close the world."""
         self.world.close()
 
 

@@ -28,17 +28,11 @@ second. Of 20 000 random starts none took longer than 0.84 s."""
 
 
 class Fault(NamedTuple):
-    """One fault.
-
-    Attributes:
-        part: `"camera"`, `"link"`, `"disk"` or `"load"`.
-        name: of the fault, known to the class that injects faults of this part.
-        max_reaction_s: seconds after which no wheel may turn; None where the car must drive on.
-    """
+    """One fault of `"camera"`, `"link"`, `"disk"` or `"load"`."""
 
     part: str
     name: str
-    max_reaction_s: float | None
+    max_reaction_s: float | None  # after which no wheel may turn; None where the car must drive on
 
 
 FAULTS = (
@@ -76,23 +70,13 @@ FAULTS = (
 DAMAGE = {"20 % of bytes": 0.2, "3 % of bytes": 0.03, "single bytes": 0.0003}
 """Share of bytes with a flipped bit: in nearly every frame, in every third, or in one every three seconds."""
 
-APART = 1.0
-"""Seconds without damage after a single byte: the board stops at four refused frames within a second."""
-
-LOST = 0.03
-"""Share of writes that are lost, of those of which only some are."""
-
-DELAY = 0.3
-"""Seconds by which delayed bytes arrive late."""
+APART, LOST, DELAY = 1.0, 0.03, 0.3
+"""Seconds without damage after a single byte: the board stops at four refused frames within a second; share of single
+writes that are lost; seconds by which delayed bytes arrive late."""
 
 
 class FaultyLink:
-    """The link between a simulated world and its board.
-
-    Args:
-        world: whose link it is.
-        seed: of the random damage.
-    """
+    """The link between a simulated world and its board."""
 
     def __init__(self, world: HostedDrive, seed: int) -> None:
         self.world, self.random = world, np.random.default_rng((seed, 8))
@@ -116,7 +100,6 @@ class FaultyLink:
         self.world.up, self.world.down = changes.get(fault, (good_cable, good_cable))
 
     def clear(self) -> None:
-        """End the fault."""
         self.world.up = self.world.down = good_cable
         self.queue.clear()
 
@@ -154,16 +137,11 @@ SLOW = 0.6
 
 
 class FaultyRecorder(Recorder):
-    """A recorder whose disk may be full or slow.
-
-    Attributes:
-        fault: `"full"`, `"slow"` or None.
-    """
+    """A recorder whose disk may be `"full"` or `"slow"`."""
 
     fault: str | None = None
 
     def flush(self) -> None:
-        """Write a chunk; a full disk takes none."""
         if self.fault == "full":
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         if self.fault == "slow":
@@ -172,13 +150,7 @@ class FaultyRecorder(Recorder):
 
 
 class RecordingCheck:
-    """An observer that records for the duration of a disk fault.
-
-    Args:
-        file: of the recording; it is removed at the end.
-        fault: `"full"` or `"slow"`.
-        lines: filled with the messages of the recorder.
-    """
+    """An observer that records for the duration of a disk fault; the file is removed at the end."""
 
     def __init__(self, file: Path, fault: str, lines: list[str]) -> None:
         file.unlink(missing_ok=True)

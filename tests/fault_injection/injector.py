@@ -11,6 +11,7 @@ import numpy as np
 
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
+from ndtorch_robot.drive import Respawn
 from ndtorch_robot.link.simulated import HostedDrive
 from ndtorch_robot.ports import FaultKind, Step
 from ndtorch_robot.safety import DriveState
@@ -32,14 +33,12 @@ RECOVERY_S, RESUME_AFTER_S = 10.0, 0.5
 
 
 class FaultInjector:
-    """Injects one fault after the other while the car drives.
+    """Injects one fault after the other while the car drives, and moves a car away that would stand before a wall.
 
     Args:
-        car: with `FaultyCameras`.
-        world: in which it drives.
-        seed: of the order and the times of the faults.
+        car: on a hosted board; it gets `FaultyCameras`.
+        seed: of the noise, and of order and times of the faults.
         scratch: file of recordings.
-        faults: that are injected.
 
     Attributes:
         rows: one for each fault, with its `reaction_s`, its `recovered_s` and its `failure`, in words, or None.
@@ -48,17 +47,12 @@ class FaultInjector:
         lines: messages of the recorders.
     """
 
-    def __init__(
-        self,
-        car: Car,
-        world: HostedDrive,
-        cameras: FaultyCameras,
-        seed: int,
-        scratch: Path,
-        faults: Sequence[Fault] = FAULTS,
-    ) -> None:
-        self.car, self.world, self.scratch, self.faults = car, world, scratch, faults
-        self.cameras, self.link = cameras, FaultyLink(world, seed)
+    def __init__(self, car: Car, seed: int, scratch: Path, faults: Sequence[Fault] = FAULTS) -> None:
+        assert isinstance(car.drive, HostedDrive)
+        self.car, self.world, self.scratch, self.faults = car, car.drive, scratch, faults
+        self.cameras, self.link = FaultyCameras(self.world, seed), FaultyLink(self.world, seed)
+        self.respawn = Respawn(self.world.simulation, car.runner, car.safe)
+        car.cameras = self.cameras
         self.random = np.random.default_rng((seed, 9))
         self.rows: list[dict[str, Any]] = []
         self.unexplained, self.blank, self.stopped, self.lines = list[str](), list[str](), list[str](), list[str]()
@@ -68,7 +62,7 @@ class FaultInjector:
         self.began = self.ends = self.cleared = self.last_moving = -math.inf
         self.calm, self.driving = float(self.random.uniform(*CALM_S)), 0.0
         self.stops_seen = self.moving_pulses = 0
-        world.pulsed = self.on_pulse
+        self.world.pulsed = self.on_pulse
 
     def on_pulse(self, pulse: Pulse) -> None:
         """Measure by the pulses of the board how long the wheels turn."""
@@ -78,6 +72,11 @@ class FaultInjector:
             self.last_moving = pulse.time if moving else self.last_moving
 
     def __call__(self, step: Step) -> None:
+        self.go_on(step)
+        if self.fault is None:
+            self.respawn(step)
+
+    def go_on(self, step: Step) -> None:
         now = self.world.now()
         self.sort_stops()
         if self.recording is not None:

@@ -11,7 +11,6 @@ from ndtorch_robot.run_config import RunConfig, SimulationTable
 from tests.fault_injection.camera_faults import FaultyCameras
 from tests.fault_injection.faults import FAULTS, Fault
 from tests.fault_injection.injector import FaultInjector
-from tests.fault_injection.scenario import resume_elsewhere
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
 pytestmark = needs_compiler
@@ -41,9 +40,8 @@ def inject(folder, *names, backwards=False):
     """Drive through these faults; returns the injector and the lowest speed."""
     by_name, lowest = {fault.name: fault for fault in FAULTS}, 0.0
     with open_car(hosted_car(), lambda line: None, go=True) as car:
-        car.cameras = cameras = FaultyCameras(car.drive, 0)
         car.steer = (lambda wanted: BACK) if backwards else None
-        injector = InOrder(car, car.drive, cameras, 0, folder)
+        injector = InOrder(car, 0, folder)
         injector.calm, injector.wanted = 0.1, [by_name[name] for name in names]
         simulation, start = car.drive.simulation, np.array(car.drive.simulation.pose)
 
@@ -58,7 +56,7 @@ def inject(folder, *names, backwards=False):
             if len(injector.rows) == len(names):
                 car.ended.set()
 
-        car.observers += [to_the_start, injector, resume_elsewhere(injector), end]
+        car.observers += [to_the_start, injector, end]
         car.run(120.0)
     assert [row["fault"] for row in injector.rows] == list(names)
     return injector, lowest
@@ -83,13 +81,9 @@ def test_every_fault_stops_the_wheels_in_time_and_nothing_else_does(tmp_path):
 @pytest.mark.parametrize(
     "names",
     [
-        pytest.param(("no frames", "cable pulled", "loop stalls"), marks=pytest.mark.slow),
-        pytest.param(
-            tuple(f.name for f in FAULTS if f.max_reaction_s is not None),
-            marks=pytest.mark.long,
-        ),
+        pytest.param(("no frames", "cable pulled", "loop stalls"), marks=pytest.mark.slow, id="three"),
+        pytest.param([f.name for f in FAULTS if f.max_reaction_s is not None], marks=pytest.mark.long, id="all"),
     ],
-    ids=["three", "all"],
 )
 def test_faults_stop_wheels_that_turn_backwards(tmp_path, names):
     injector, lowest = inject(tmp_path / "recording.mcap", *names, backwards=True)

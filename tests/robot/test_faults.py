@@ -141,13 +141,6 @@ def drives(log, count=15):
     return condition
 
 
-def late(log):
-    """When the simulated board was late, and by how many seconds."""
-    text = log.read_text() if log.exists() else ""
-    lines = [line.split() for line in text.splitlines() if line.startswith("L ")]
-    return [(int(parts[2]) / 1e9, int(parts[1]) / 1e6) for parts in lines if len(parts) == 3]
-
-
 def stood_after(log, fault):
     times = pulses(log)
     assert not any(moving for when, moving in times if when > fault + 0.4)

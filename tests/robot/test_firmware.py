@@ -75,18 +75,13 @@ COMPILERS = ["cc", pytest.param("avr-gcc -mmcu=atmega328p", marks=needs_board)]
 def test_numbers_of_a_car_are_taken_or_refused_when_it_is_compiled(tmp_path, compiler, name, value, taken):
     folder = tmp_path / "firmware"
     shutil.copytree(FIRMWARE, folder, ignore=shutil.ignore_patterns("build"))
-    text, count = re.subn(
-        rf"(?m)^#define {name} [^/\n]*", f"#define {name} {value} ", (folder / "config.h").read_text()
-    )
+    config = folder / "config.h"
+    text, count = re.subn(rf"(?m)^#define {name} [^/\n]*", f"#define {name} {value} ", config.read_text())
     assert count == 1
-    (folder / "config.h").write_text(text)
+    config.write_text(text)
     flags = ["-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror", "-O1", "-c", "-o"]
-    done = subprocess.run(
-        [*compiler.split(), *flags, tmp_path / "drive.o", folder / "drive.c"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [*compiler.split(), *flags, tmp_path / "drive.o", folder / "drive.c"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode == 0) == taken, done.stderr
     assert taken or "static assertion failed" in done.stderr
 
@@ -135,7 +130,6 @@ def telemetry(port, parser):
 
 
 def between(board, since, name):
-    """Widths of the pulses since the number `since` of all pulses."""
     return [pulse.width for pulse in board.pulses[since:] if pulse.name == name]
 
 

@@ -58,24 +58,8 @@ def test_frames_as_they_go_over_the_line():
     assert t.words() == ["battery low"]
 
 
-def division(data, polynomial, start):
-    """CRC bit by bit, as the polynomial is divided on paper."""
-    crc = start
-    for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ (polynomial if crc & 0x8000 else 0)) & 0xFFFF
-    return crc
-
-
-def mirrored(value, bits):
-    return int(f"{value:0{bits}b}"[::-1], 2)
-
-
-@given(st.binary(max_size=40))
-def test_checksums(data):
-    assert crc16.ibm_3740(data) == division(data, 0x1021, 0xFFFF)
-    assert crc16.dnp(data) == mirrored(division(bytes(mirrored(b, 8) for b in data), 0x3D65, 0), 16) ^ 0xFFFF
+def test_checksums():
+    """The check values of the catalogue of parametrised CRC algorithms."""
     assert crc16.ibm_3740(b"123456789") == 0x29B1
     assert crc16.dnp(b"123456789") == 0xEA82
 

@@ -20,19 +20,19 @@ class Autopilot:
     """ArduPilot Rover, as far as a companion computer sees it; it does at once what its set-points say.
 
     Attributes:
-        armed, mode, obedient, beats, system: what it does from now on; change them from outside.
+        armed, mode, beats, system: what it does from now on; change them from outside.
         heard: all messages so far.
         set_points: speed and yaw rate of those that it was in the mode for.
     """
 
-    def __init__(self, port, system=1, mode=GUIDED, armed=True, kind=3):
+    def __init__(self, port, system=1, mode=GUIDED, armed=True):
         from pymavlink import mavutil
 
         self.line = mavutil.mavlink_connection(
             f"udpout:127.0.0.1:{port}", source_system=system, source_component=1, dialect="common"
         )
-        self.system, self.mode, self.armed, self.kind = system, mode, armed, kind
-        self.obedient = self.beats = True
+        self.system, self.mode, self.armed = system, mode, armed
+        self.beats = True
         self.heard, self.set_points, self.motion = [], [], (0.0, 0.0)
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self.work, daemon=True)
@@ -47,24 +47,17 @@ class Autopilot:
 
     def tell(self):
         mav, flags = self.line.mav, 1 | (128 if self.armed else 0)
-        mav.heartbeat_send(10, self.kind, flags, self.mode, 4)
+        mav.heartbeat_send(10, 3, flags, self.mode, 4)
         speed, turn = self.motion
         mav.attitude_send(0, 0.0, 0.0, 0.5, 0.0, 0.0, turn)  # its nose at 0.5 rad to the east of north
         mav.local_position_ned_send(0, 1.0, 2.0, 0.0, speed * 0.8775825619, speed * 0.4794255386, 0.0)
         mav.sys_status_send(0, 0, 0, 0, 12600, 0, 0, 0, 0, 0, 0, 0, 0)
 
     def take(self, message):
-        kind, mav = message.get_type(), self.line.mav
         self.heard.append(message)
-        if kind == "SET_POSITION_TARGET_LOCAL_NED" and self.armed and self.mode == GUIDED:
+        if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED" and self.armed and self.mode == GUIDED:
             self.motion = (message.vx, message.yaw_rate)
             self.set_points.append(self.motion)
-        elif kind == "COMMAND_LONG":
-            mav.command_ack_send(message.command, 0 if self.obedient else 4)
-            if message.command == 176 and self.obedient:
-                self.mode = int(message.param2)
-            elif message.command == 400 and self.obedient:
-                self.armed = message.param1 == 1
 
     def of_type(self, name):
         return [message for message in self.heard if message.get_type() == name]

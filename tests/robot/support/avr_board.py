@@ -12,7 +12,6 @@ import threading
 import time
 from collections import deque
 from pathlib import Path
-from typing import NamedTuple
 
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
@@ -27,14 +26,6 @@ from ndtorch_robot.sim.simulation import Simulation
 SIMULATOR, IMAGE = FIRMWARE / "build" / "avrsim", FIRMWARE / "build" / "firmware.elf"
 
 
-class Event(NamedTuple):
-    """A command the simulator carried out (`"stall"`, `"up-garbage"`), or `"late"`, when, and how late, s."""
-
-    name: str
-    time: float
-    late: float = 0.0
-
-
 class AvrBoard:
     """Runs `robot/firmware/sim/avrsim.c` and keeps what it says.
 
@@ -46,10 +37,9 @@ class AvrBoard:
 
     Attributes:
         device: path of the serial port.
-        pulses, events: all so far; of `pulses` the last two minutes.
+        pulses: all so far.
+        events: commands that the simulator carried out (`"stall"`, `"up-garbage"`), and when.
     """
-
-    KEPT = 20_000
 
     def __init__(self, log: Path | None = None) -> None:
         if not SIMULATOR.exists() or not IMAGE.exists():
@@ -60,18 +50,12 @@ class AvrBoard:
         self.folder = tempfile.TemporaryDirectory(prefix="board-")
         self.device = str(Path(self.folder.name) / "serial")
         arguments = [str(SIMULATOR), str(IMAGE), self.device, *([str(log)] if log else [])]
-        self.process = subprocess.Popen(
-            arguments,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            bufsize=1,
-            start_new_session=True,  # Ctrl-C is for the loop
-        )
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        # A session of its own: Ctrl-C is for the loop.
+        self.process = subprocess.Popen(arguments, **pipes, text=True, bufsize=1, start_new_session=True)
         self.pulses: list[Pulse] = []
         self.queues: list[deque[Pulse]] = []
-        self.events: list[Event] = []
+        self.events: list[tuple[str, float]] = []
         self.ready = threading.Event()
         self.thread = threading.Thread(target=self.read, name="board", daemon=True)
         self.thread.start()
@@ -80,7 +64,6 @@ class AvrBoard:
             raise InputError("the simulated board does not start")
 
     def read(self) -> None:
-        """Everything the simulator prints."""
         assert self.process.stdout is not None
         for line in self.process.stdout:
             parts = line.split()
@@ -89,12 +72,8 @@ class AvrBoard:
                 self.pulses.append(pulse)
                 for queue in self.queues:
                     queue.append(pulse)
-                if len(self.pulses) > self.KEPT:
-                    del self.pulses[: self.KEPT // 2]
             elif line.startswith("F "):
-                self.events.append(Event(parts[1], int(parts[2]) / 1e9))
-            elif line.startswith("L "):
-                self.events.append(Event("late", int(parts[2]) / 1e9, int(parts[1]) / 1e6))
+                self.events.append((parts[1], int(parts[2]) / 1e9))
             elif line.startswith("R "):
                 self.ready.set()
 
@@ -106,20 +85,13 @@ class AvrBoard:
         self.process.stdin.flush()
         end = time.monotonic() + 5.0
         while time.monotonic() < end:
-            for event in self.events[count:]:
-                if event.name == wanted:
-                    return event.time
+            for name, when in self.events[count:]:
+                if name == wanted:
+                    return when
             time.sleep(0.001)
         raise InputError(f"the simulated board did not do {line!r}")
 
-    def queue(self) -> deque[Pulse]:
-        """Where every pulse from now on is put, for one reader who takes them out."""
-        queue: deque[Pulse] = deque()
-        self.queues.append(queue)
-        return queue
-
     def close(self) -> None:
-        """End the process."""
         if self.process.poll() is None:
             assert self.process.stdin is not None
             try:
@@ -146,7 +118,8 @@ class RealtimeWorld:
         self.simulation, self.board = simulation, board
         self.electronics = Electronics()
         self.start = time.monotonic() - simulation.now()
-        self.queue = board.queue()
+        self.queue: deque[Pulse] = deque()
+        board.queues.append(self.queue)
         self.distance = 0.0
 
     def read(self) -> StereoFrames:
@@ -163,23 +136,17 @@ class RealtimeWorld:
         return frames._replace(time=now - (self.simulation.now() - frames.time))
 
     def advance(self, now: float) -> None:
-        """Let the world move on."""
         car, before = self.simulation.car, self.simulation.now()
         self.simulation.obey(self.electronics.target(now))
         self.simulation.wait_until(now - self.start)
         self.distance += abs(car.speed) * (self.simulation.now() - before)
 
     def close(self) -> None:
-        """Give the buffers back."""
         self.simulation.close()
 
 
 class BoardSettings(Strict):
-    """`[link]` with `kind = "avr-board"`.
-
-    Args:
-        pulse_log: file for every pulse that the board makes.
-    """
+    """`[link]` with `kind = "avr-board"`, and a file for every pulse that the board makes."""
 
     pulse_log: Path | None = None
 
@@ -192,20 +159,16 @@ class BoardDrive(SerialDrive):
         super().__init__(board.device, board_name=robot, report=report)
 
     def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
-        """Pictures of the world that the pulses move, in real time."""
-        if self.simulation is None:
-            raise InputError("this simulated board was opened without a world")
+        assert self.simulation is not None
         return RealtimeWorld(self.simulation, self.board), MonotonicClock()
 
     def close(self) -> None:
-        """Stop, and end the simulated processor."""
         super().close()
         self.board.close()
 
 
 @link("avr-board")
 def open_board(settings: BoardSettings, opening: Opening) -> BoardDrive:
-    """Start the firmware and connect to it."""
     board = AvrBoard(settings.pulse_log)
     try:
         return BoardDrive(board, opening.board_name, opening.report, opening.simulation)

@@ -16,11 +16,7 @@ RIG = StereoRig(width=64, height=48, focal=43.0)
 
 
 def moving_world(count, rig, seed=0, grain=3):
-    """Pictures that slide past, at two speeds, so that the navigator has something to do.
-
-    Args:
-        grain: so many neighbouring pixels are alike; with fewer than 3 a camera may count as one that shows noise.
-    """
+    """Pictures that slide past, at two speeds; so many neighbouring pixels are alike, 3 or more for good cameras."""
     rng = np.random.default_rng(seed)
     wall = rng.integers(0, 256, (rig.height, 4 * rig.width, 3), dtype=np.uint8).repeat(grain, 1)
     for n in range(count):
