@@ -235,12 +235,12 @@ class Rectifier:
 
     def strips(self, left: Image, right: Image) -> tuple[Strips, Strips]:
         """Strips `[1, C, h, w]` uint8, red, green, blue, of two raw images as OpenCV gives them."""
-        found = []
+        strips = []
         for image, maps in zip((left, right), self.maps, strict=True):
             if image.shape[:2] != self.size:
                 raise InputError(f"the calibration is for {self.size[::-1]} frames, got {image.shape[1::-1]}")
             # Cubic: a straight line between pixels blurs each by its own amount, and patches are compared.
             parts = [np.atleast_3d(cv2.remap(image, x, y, cv2.INTER_CUBIC)) for x, y in maps]
             planes = [np.ascontiguousarray(part[..., ::-1].transpose(2, 0, 1), np.uint8) for part in parts]
-            found.append(Strips(*(torch.from_numpy(plane)[None] for plane in planes)))
-        return found[0], found[1]
+            strips.append(Strips(*(torch.from_numpy(plane)[None] for plane in planes)))
+        return strips[0], strips[1]

@@ -89,8 +89,8 @@ class Ros2Bridge(StepThread):
     def idle(self) -> None:
         for sample in () if self.goals is None else self.goals.take(10):
             if hasattr(sample, "cdr"):
-                place = ros.from_cdr(sample.cdr, GOAL).pose.position
-                self.runner.drive_to(place.x, place.y)
+                goal = ros.from_cdr(sample.cdr, GOAL).pose.position
+                self.runner.drive_to(goal.x, goal.y)
 
     def finish(self) -> None:
         self.participant = self.domain = None

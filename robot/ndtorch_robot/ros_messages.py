@@ -111,22 +111,22 @@ def laser_scan(ranges: Ranges, time: float) -> Any:
 def odometry(pose: Pose, driven: DriveCommand, time: float) -> Any:
     """`nav_msgs/Odometry`: dead reckoning and the motion it was told. Covariances are zero: they are not known."""
     unknown = np.zeros(36)
-    place = new("geometry_msgs/msg/PoseWithCovariance", ros_pose(pose), unknown)
+    at = new("geometry_msgs/msg/PoseWithCovariance", ros_pose(pose), unknown)
     moved = new("geometry_msgs/msg/TwistWithCovariance", twist(driven), unknown)
-    return new("nav_msgs/msg/Odometry", header(time, ODOM), BASE, place, moved)
+    return new("nav_msgs/msg/Odometry", header(time, ODOM), BASE, at, moved)
 
 
-def transforms(pose: Pose, place: Pose, time: float) -> Any:
-    """`tf2_msgs/TFMessage`: `odom` -> `base_link` is dead reckoning, `map` -> `odom` brings the car to `place`."""
-    turn = float(place.heading) - float(pose.heading)
+def transforms(pose: Pose, corrected: Pose, time: float) -> Any:
+    """`tf2_msgs/TFMessage`: `odom` -> `base_link` is dead reckoning, `map` -> `odom` is what corrects it."""
+    turn = float(corrected.heading) - float(pose.heading)
     cos, sin, x, y = math.cos(turn), math.sin(turn), float(pose.x), float(pose.y)
-    origin = Pose(float(place.x) - cos * x + sin * y, float(place.y) - sin * x - cos * y, turn)
+    origin = Pose(float(corrected.x) - cos * x + sin * y, float(corrected.y) - sin * x - cos * y, turn)
     return new("tf2_msgs/msg/TFMessage", [transform(MAP, ODOM, origin, time), transform(ODOM, BASE, pose, time)])
 
 
 def transform(parent: str, child: str, pose: Pose, time: float) -> Any:
-    place = new("geometry_msgs/msg/Transform", vector(pose.x, pose.y), quaternion(float(pose.heading)))
-    return new("geometry_msgs/msg/TransformStamped", header(time, parent), child, place)
+    moved = new("geometry_msgs/msg/Transform", vector(pose.x, pose.y), quaternion(float(pose.heading)))
+    return new("geometry_msgs/msg/TransformStamped", header(time, parent), child, moved)
 
 
 def image(pixels: torch.Tensor, frame: str, time: float) -> Any:

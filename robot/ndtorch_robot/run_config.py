@@ -56,7 +56,7 @@ class RigTable(Table):
     """Angle by which the cameras look down, in degrees."""
 
     @property
-    def place(self) -> dict[str, float]:
+    def mounting(self) -> dict[str, float]:
         """Where the cameras are, as `StereoRig` has it."""
         pitch = math.radians(self.camera_pitch_deg)
         return {"camera_height": self.camera_height_m, "forward": self.camera_forward_m, "pitch": pitch}
@@ -155,7 +155,7 @@ class RunConfig(Table):
     @property
     def stereo_rig(self) -> StereoRig:
         r = self.rig
-        return StereoRig(r.baseline_m, r.focal_px, r.width_px, r.height_px, cx=r.cx_px, cy=r.cy_px, **r.place)
+        return StereoRig(r.baseline_m, r.focal_px, r.width_px, r.height_px, cx=r.cx_px, cy=r.cy_px, **r.mounting)
 
     @property
     def safety_limits(self) -> SafetyLimits:

@@ -202,12 +202,12 @@ class View(StepThread):
     def log_pose(self, state: NavigatorState, carried: bool, truth: Pose | None) -> None:
         x, y, heading = (float(value) for value in state.pose)
         poses = {"path": (x, y)} if truth is None else {"path": truth[:2], "believed": (x, y)}
-        for name, place in poses.items():
+        for name, point in poses.items():
             strips = self.paths[name]
             if carried:
                 strips.append([])
-            if not strips[-1] or math.dist(strips[-1][-1], place) >= STRIDE:
-                strips[-1].append(place)
+            if not strips[-1] or math.dist(strips[-1][-1], point) >= STRIDE:
+                strips[-1].append(point)
         x, y, heading = truth or (x, y, heading)
         vector = (0.45 * math.cos(heading), -0.45 * math.sin(heading))
         self.stream.log("floor/car", self.rr.Arrows2D(origins=[(x, -y)], vectors=[vector], colors=[GREEN], radii=0.06))

@@ -84,17 +84,6 @@ def test_commands_are_clamped_and_counted(commands):
     assert lines == []
 
 
-def test_a_layer_without_limits_changes_nothing():
-    """In simulated time, where the car has limits of its own."""
-    drive, clock = PlainDrive(), SimulatedClock()
-    safe = SafeDrive(drive, clock)
-    wanted = [DriveCommand(s, c) for s, c in ((0.5, 2.0), (-9.0, -50.0), (9.0, 50.0), (0.0, 1.0))]
-    for command in wanted:
-        safe.send(command)
-        clock.time += 10.0
-    assert (drive.sent, drive.stops, safe.clamped) == (wanted, 0, 0)
-
-
 def test_a_passing_fault_that_comes_again_starts_the_waiting_anew():
     clock, drive, lines, safe = make()
     steps(clock, safe, 0.5)

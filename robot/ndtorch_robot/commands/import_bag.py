@@ -64,7 +64,7 @@ class Import:
             body, cameras, options = robot.body, robot.rig, options | navigation_options(self.robot)
         if self.controller is not None:
             options["controller"] = self.controller
-        bag = StereoBag(self.bag, self.left, self.right, self.odometry, **cameras.place)
+        bag = StereoBag(self.bag, self.left, self.right, self.odometry, **cameras.mounting)
         if bag.topics.odometry is None:
             print_note("the bag has no odometry: the robot is taken to stand")
         runner = NavigatorRunner(options_of(options), bag.rig, bag.rate, None, False, body)

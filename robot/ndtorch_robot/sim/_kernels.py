@@ -118,7 +118,7 @@ def visible_triangles(corners: Array, camera: Array, near: float, out: Array, nu
             texture coordinates over depth.
         number: `[N]`, their numbers.
     """
-    found = 0
+    visible = 0
     for n in range(corners.shape[0]):
         x0, y0, w0 = project(corners[n, 0], camera)
         x1, y1, w1 = project(corners[n, 1], camera)
@@ -129,7 +129,7 @@ def visible_triangles(corners: Array, camera: Array, near: float, out: Array, nu
         size = ax * x0 + ay * y0 + aw * w0
         if size > -1e-9:  # rows count downward, which turns the sense of the corners
             continue
-        triangle, scale = out[found], 1 / size
+        triangle, scale = out[visible], 1 / size
         triangle[0, 0], triangle[0, 1], triangle[0, 2] = ax * scale, ay * scale, aw * scale
         triangle[1, 0], triangle[1, 1] = (y2 * w0 - w2 * y0) * scale, (w2 * x0 - x2 * w0) * scale
         triangle[1, 2] = (x2 * y0 - y2 * x0) * scale
@@ -140,9 +140,9 @@ def visible_triangles(corners: Array, camera: Array, near: float, out: Array, nu
             for c in range(2):
                 total = triangle[0, k] * corners[n, 0, 3 + c] + triangle[1, k] * corners[n, 1, 3 + c]
                 triangle[4 + c, k] = total + triangle[2, k] * corners[n, 2, 3 + c]
-        number[found] = n
-        found += 1
-    return found
+        number[visible] = n
+        visible += 1
+    return visible
 
 
 @jit

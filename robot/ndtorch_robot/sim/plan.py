@@ -198,8 +198,8 @@ class SpawnPoints:
     def by_distance(self, x: float, y: float) -> Iterator[tuple[float, float, float]]:
         """All places, the nearest first, each with its best heading."""
         for k in np.hypot(*(self.points - np.array((x, y))).T).argsort(kind="stable"):
-            place = self.points[k].tolist()
-            yield place[0], place[1], self.heading(*place)
+            point = self.points[k].tolist()
+            yield point[0], point[1], self.heading(*point)
 
     def heading(self, x: float, y: float) -> float:
         """Of 24 directions the one in which a car can drive farthest."""

@@ -258,8 +258,8 @@ class Simulation(Drive):
         return bool(rectangle_touches(*self.pose, self.half, self.world.walls, self.world.posts))
 
     def respawn(self) -> None:
-        for place in self.spawn_points.by_distance(self.car.x, self.car.y):
-            self.place(*place)
+        for pose in self.spawn_points.by_distance(self.car.x, self.car.y):
+            self.place(*pose)
             if not self.touches():
                 return
 
