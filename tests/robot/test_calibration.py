@@ -1,7 +1,6 @@
 """Calibration against cameras that are known exactly, and rectified strips of a misaligned pair."""
 
 import json
-import time
 
 import cv2
 import numpy as np
@@ -13,8 +12,9 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch.navigation.stereo.calibration_files import load_calibration, stereo_calibration
 from ndtorch_robot.calibration import Rectifier, calibrate, find_corners, find_view, rectified_points, write_calibration
-from ndtorch_robot.cameras import CameraSettings, open_cameras
-from ndtorch_robot.cameras.pair import to_tensor
+from ndtorch_robot.cameras import CameraSettings, Frame, open_cameras
+from ndtorch_robot.cameras.pair import Pair, to_tensor
+from ndtorch_robot.ports import Closing
 from ndtorch_robot.sim.simulation import RIG
 from tests.robot.support.calibration_board import BOARD, LEFT, RIGHT, board_pictures, draw_board, measured, rays, views
 from tests.robot.support.fake_captures import LiveCapture, picture
@@ -146,27 +146,22 @@ def test_views_that_give_no_calibration_are_refused():
     assert len(faults) == 2
 
 
-class BoardCapture(LiveCapture):
-    """A board that is moved about, 31 views again and again: whoever takes every few of them sees all in the end."""
+class Boards(Closing):
+    """A board that is moved about before two cameras."""
 
-    def __init__(self, side):
-        super().__init__(6.0)
-        pairs = (*board_pictures(seed=0), *board_pictures(seed=1))[:31]
-        self.pictures = [cv2.cvtColor(pair[side], cv2.COLOR_GRAY2BGR) for pair in pairs]
+    def __init__(self, settings):
+        self.pairs = iter((*board_pictures(seed=0), *board_pictures(seed=1)))
 
-    def retrieve(self):
-        return True, self.pictures[self.n % len(self.pictures)]
+    def read_pair(self):
+        left, right, _ = next(self.pairs)
+        return Pair(Frame(left, 0.0), Frame(right, 0.0))
 
 
 @pytest.mark.slow
-@pytest.mark.realtime
 def test_live_cameras_and_the_images_that_were_kept_of_them(tmp_path, capsys, monkeypatch):
     out, kept = tmp_path / "pair.yaml", tmp_path / "kept"
-    cameras = [BoardCapture(side) for side in (0, 1)]
-    monkeypatch.setattr("ndtorch.scenes.readers.open_capture", lambda address: cameras["right" in address])
-    for camera in cameras:
-        camera.start = time.monotonic() + 0.5
-    command = ["calibrate", "x://left", "x://right", "--views", "13", "--keep", str(kept), "--out", str(out)]
+    monkeypatch.setattr("ndtorch_robot.cameras.StereoCameras", Boards)
+    command = ["calibrate", "x://left", "x://right", "--views", "11", "--keep", str(kept), "--out", str(out)]
     assert main(command) == 0
     assert f"written to {out}" in capsys.readouterr().out
     assert StereoRig.load(out).baseline == pytest.approx(0.301, abs=0.002)
