@@ -48,7 +48,7 @@ class Calibrate:
     force: bool = False
     """Replace the file if it exists."""
     views: int = 20
-    """Number of views that are taken of live cameras; Ctrl-C ends it."""
+    """Number of views that are taken of live cameras; Ctrl-C ends with fewer."""
     keep: Path | None = None
     """Folder for the images of the views of live cameras."""
     width: int = 640
@@ -69,18 +69,21 @@ class Calibrate:
             raise InputError(f"--views must be 1 or more, got {self.views}")
         board, views, pairs = Board(self.columns, self.rows, self.square_mm / 1000), list[View](), 0
         live, size = not (Path(self.left).is_dir() or Path(self.right).is_dir()), (0, 0)
-        for left, right in self.live_pairs() if live else self.folder_pairs():
-            pairs, size = pairs + 1, (left.shape[1], left.shape[0])
-            view = find_view(left, right, board)
-            if view is None or (live and any(np.abs(view.left - v.left).mean() < NEW_RATIO * size[0] for v in views)):
-                continue
-            views.append(view)
-            if live and self.keep is not None:
-                keep(self.keep, len(views), left, right)
-            column, row = view.left.mean(0)
-            print(f"  view {len(views)}: board at column {column:.0f}, row {row:.0f}", file=sys.stderr)
-            if live and len(views) == self.views:
-                break
+        with contextlib.suppress(KeyboardInterrupt):
+            for left, right in self.live_pairs() if live else self.folder_pairs():
+                pairs, size = pairs + 1, (left.shape[1], left.shape[0])
+                view = find_view(left, right, board)
+                if view is None or (
+                    live and any(np.abs(view.left - v.left).mean() < NEW_RATIO * size[0] for v in views)
+                ):
+                    continue
+                views.append(view)
+                if live and self.keep is not None:
+                    keep(self.keep, len(views), left, right)
+                column, row = view.left.mean(0)
+                print(f"  view {len(views)}: board at column {column:.0f}, row {row:.0f}", file=sys.stderr)
+                if live and len(views) == self.views:
+                    break
         calibration, quality = calibrate(views, board, size)
         faults, projection = quality.faults(), calibration.right.projection
         if not faults:
