@@ -14,9 +14,13 @@ from scipy.signal import lfilter
 
 from ndtorch.scenes import Bar, BarScene
 from ndtorch.vision import (
+    NDS,
+    ChahlSrinivasan,
+    HassensteinReichardt,
     HighPass,
     LocalFeatures,
     LowPass,
+    NDMinus,
     Resample,
     ResampleState,
     RunningMax,
@@ -24,7 +28,7 @@ from ndtorch.vision import (
     field_weights,
 )
 from ndtorch.vision.motion import Border
-from ndtorch.vision.temporal import corrected, predicted
+from ndtorch.vision.temporal import BLOCK, corrected, low_pass, low_pass_block, predicted
 from tests.strategies import chunkings, in_chunks, noise
 
 
@@ -32,6 +36,38 @@ def low_passed(x: np.ndarray, tau: float, dt: float) -> np.ndarray:
     """The same filter as a difference equation along the first axis, settled on the first sample."""
     a = dt / (tau + dt)
     return lfilter([a], [1, a - 1], x, axis=0, zi=(1 - a) * x[:1])[0]
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.004, 0.5, math.inf])
+@pytest.mark.parametrize(("kind", "most"), [(torch.float32, 1e-6), (torch.float64, 1e-14)])
+def test_a_block_is_filtered_as_frame_by_frame(tau: float, kind: torch.dtype, most: float) -> None:
+    x, low = noise(2, BLOCK, 3, 5).to(kind), noise(2, 3, 5).to(kind)
+    assert_allclose(
+        low_pass_block(x, low, 0.01 / (tau + 0.01), 1), low_pass(x, low, tau, 0.01, 1)[0], rtol=0, atol=most
+    )
+
+
+def test_a_block_has_gradients() -> None:
+    given = [noise(4, 2).double(), noise(2).double(), torch.tensor(0.3).double()]
+    assert torch.autograd.gradcheck(lambda *x: low_pass_block(*x, 0), [one.requires_grad_() for one in given])
+
+
+@pytest.mark.parametrize(
+    ("module", "shape"),
+    [
+        (HassensteinReichardt(), (3, 8, 9)),
+        (NDMinus(), (1, 1, 9)),
+        (NDS(tau_low=0.05), (1, 1, 9)),
+        (ChahlSrinivasan(), (1, 1, 9)),
+        (VisualFeatures((16, 16), backend="torch"), (3, 16, 16)),
+    ],
+)
+def test_an_exported_program_does_not_grow_with_time(module: torch.nn.Module, shape: tuple[int, ...]) -> None:
+    programs = [torch.export.export(module, (torch.rand(frames, *shape),)) for frames in (4, BLOCK)]
+    assert len(programs[0].graph.nodes) == len(programs[1].graph.nodes)
+    x = torch.rand(BLOCK, *shape)
+    want = module(x)[0]
+    assert_allclose(programs[1].module()(x)[0], want, rtol=1e-4, atol=1e-5 * float(want.abs().max()))
 
 
 @pytest.mark.parametrize("tau", [0.004, 0.5, 3.0])
