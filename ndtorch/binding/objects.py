@@ -182,12 +182,6 @@ def describe(thing: BoundObject) -> str:
     angles = [n for n in FEATURES[GROUPS["orientation"]] if n in thing.features]
     words = [" and ".join(colors) if colors else "no color of its own"]
     words.append("moving " + " and ".join(directions) if directions else "no direction of motion")
-    if not angles:
-        words.append("no orientation")
-    elif len(angles) == 1:
-        words.append(f"orientation {angles[0]}")
-    elif len(angles) == 2:
-        words.append(f"orientation between {angles[0]} and {angles[1]}")
-    else:
-        words.append("every orientation")
+    some = ("orientation between " if len(angles) == 2 else "orientation ") + " and ".join(angles)
+    words.append({0: "no orientation", 3: "every orientation"}.get(len(angles), some))
     return ", ".join(words)

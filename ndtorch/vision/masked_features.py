@@ -11,7 +11,6 @@ import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
-from ndtorch.config import Constants, constant
 from ndtorch.vision._kernels_masked import signals_of_sums, sum_features
 from ndtorch.vision.motion import MotionState
 from ndtorch.vision.orientation import OrientedDoG
@@ -25,27 +24,15 @@ CENTER, SURROUND = (2.85, 0.9), (3.3, 1.35)
 """Deviations of the orientation filters in half the image's pixels: those published for 500 pixels, brought to 56."""
 RADIUS = 11
 """The filters end so many pixels from their middle, where they are below 1/500 of their largest value."""
+MAX_OBJECTS, TAU_HIGH, TAU_LOW = 32, 0.5, 0.05
+"""Receptive fields at a time; high-pass and delay filter of the motion detectors, seconds."""
 UNROLLED = 32
 """Loops over so many numbers at once have no rest."""
 
 
-class FeatureParams(Constants):
-    """Constants of the ten features."""
-
-    max_objects: int = constant(32, "There are receptive fields for this many objects at a time.", gt=0)
-    tau_high: float = constant(0.5, "The high-pass of the motion detectors has this time constant in seconds.", ge=0)
-    tau_low: float = constant(0.05, "The delay filter of the motion detectors has this time constant in seconds.", ge=0)
-
-
-class FeatureState(NamedTuple):
-    """State of the motion detectors."""
-
-    motion: MotionState
-
-
 class Measured(NamedTuple):
     """Of one step: the largest difference from the background among the colors, `[h / 2, w / 2]`, and pixels, motion
-    across and along, and red, green and blue of each field, `[max_objects, 6]` float64."""
+    across and along, and red, green and blue of each field, `[MAX_OBJECTS, 6]` float64."""
 
     strongest: Floats
     sums: Numbers
@@ -62,36 +49,35 @@ class MaskedFeatures(nn.Module):
         dt: seconds between images.
     """
 
-    def __init__(self, size: tuple[int, int], dt: float, params: FeatureParams | None = None) -> None:
+    def __init__(self, size: tuple[int, int], dt: float) -> None:
         super().__init__()
-        self.params = p = params or FeatureParams()
         self.size = (size[0] // 2, size[1] // 2)
         self.filters = oriented_filters()
-        self.shares = smoothing_factor(p.tau_high, dt), smoothing_factor(p.tau_low, dt)
+        self.shares = smoothing_factor(TAU_HIGH, dt), smoothing_factor(TAU_LOW, dt)
 
-    def start(self, image: Floats, background: Floats, labels: Labels) -> FeatureState:
+    def start(self, image: Floats, background: Floats, labels: Labels) -> MotionState:
         """Settled on the first image, as arrays."""
         apart = (image - background) * (labels > 0)
         pairs = apart[..., ::2] + apart[..., 1::2]
         halved = (pairs[:, ::2] + pairs[:, 1::2]) / 4
-        return FeatureState(MotionState(halved, np.zeros_like(halved)))  # type: ignore[arg-type]
+        return MotionState(halved, np.zeros_like(halved))  # type: ignore[arg-type]
 
-    def measure(self, image: Floats, background: Floats, labels: Labels, state: FeatureState) -> Measured:
+    def measure(self, image: Floats, background: Floats, labels: Labels, state: MotionState) -> Measured:
         """The first part of a step, which goes on from the state before; the state's arrays are updated.
 
         Args:
             image, background: `[3, h, w]`.
             labels: number of the track of every pixel plus one, 0 for none, `[h, w]`.
         """
-        strongest, sums = np.empty(self.size, np.float32), np.empty((self.params.max_objects, 6))
-        sum_features(image, background, labels, state.motion.slow, state.motion.delayed, self.shares, strongest, sums)
+        strongest, sums = np.empty(self.size, np.float32), np.empty((MAX_OBJECTS, 6))
+        sum_features(image, background, labels, *state, self.shares, strongest, sums)
         return Measured(strongest, sums)
 
     def signals(self, measured: Sequence[Measured | None], labels: Sequence[Labels]) -> Tensor:
-        """The second part of T steps, `[T, max_objects, 10]`: of track n in row n % max_objects, zero elsewhere."""
+        """The second part of T steps, `[T, MAX_OBJECTS, 10]`: of track n in row n % MAX_OBJECTS, zero elsewhere."""
         import cv2
 
-        signals = torch.zeros(len(measured), self.params.max_objects, 10)
+        signals = torch.zeros(len(measured), MAX_OBJECTS, 10)
         for one, names, out in zip(measured, labels, signals.numpy(), strict=True):
             if one is not None and one.sums[:, 0].any():
                 shown = np.asarray(cv2.copyMakeBorder(one.strongest, *4 * (RADIUS,), cv2.BORDER_REFLECT_101))

@@ -48,7 +48,8 @@ from ndtorch.foreground.tracker import (
 )
 from ndtorch.vision.features import FEATURES, GROUPS
 from ndtorch.vision.frames import check_frames
-from ndtorch.vision.masked_features import FeatureState, MaskedFeatures, Measured
+from ndtorch.vision.masked_features import MAX_OBJECTS, MaskedFeatures, Measured
+from ndtorch.vision.motion import MotionState
 
 MEMORY_S, FLOOR = 20.0, 0.02
 """Signals are divided by the largest of their group in so many seconds, and by at least this compressed contrast."""
@@ -96,7 +97,7 @@ class SceneState(NamedTuple):
     background: BackgroundState
     tracks: Tracks
     count: Any
-    features: FeatureState
+    features: MotionState
 
 
 class ForegroundState(NamedTuple):
@@ -223,7 +224,7 @@ class ForegroundModel(BindingModel):
             masks.append(with_values(flags(scene.tracks, scene.tracks.confirmed), step.labels))
             if len(step.ended.path):
                 closed.append(step.ended)
-        inputs = outputs = torch.zeros(0, self.features.params.max_objects, 10)
+        inputs = outputs = torch.zeros(0, MAX_OBJECTS, 10)
         level, network, labels = state.level, state.network, [step.labels for step in steps]
         if scene is not None and steps:
             signals = self.features.signals([step.measured for step in steps], labels)
@@ -293,7 +294,7 @@ class ForegroundModel(BindingModel):
         row = {number: own for table in tables for number, own in zip(table.number.tolist(), table.rows, strict=True)}
         for step, values in zip(steps, both, strict=True):
             for number in step.reported.tolist():
-                row[number][NETWORK:] += values[number % self.features.params.max_objects]
+                row[number][NETWORK:] += values[number % MAX_OBJECTS]
 
     def objects_batch(self, state: Any) -> Nested:
         """The objects so far, in the order in which they appeared, without those that `take_closed` took."""
