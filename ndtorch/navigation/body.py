@@ -30,9 +30,6 @@ class Body:
         max_acceleration_m_per_s2: Highest change of speed.
         reaction_s: Time from a command until the robot obeys.
 
-    Raises:
-        InputError: A number is out of range.
-
     >>> Body(0.25, 0.18, 0.2).unit_m
     0.5
     """

@@ -35,23 +35,13 @@ before which a pose is passed."""
 
 @dataclass(frozen=True)
 class LocalGridParams:
-    """A square of square cells that moves with the car.
+    """A square of square cells that moves with the car."""
 
-    Args:
-        cell_m: Side of a cell.
-        size_cells: Number of cells along a side, a power of two; what lies beyond is forgotten.
-        lifetime_s: Time in which evidence falls to 1/e.
-        max_evidence: Limit of the evidence of an obstacle, so that a few frames can free a cell.
-        max_free_evidence: Limit of the evidence of free floor, so that four frames can block a cell.
-
-    Raises:
-        InputError: A number is out of range.
-    """
-
-    cell_m: float = 0.08
-    size_cells: int = 64
-    lifetime_s: float = 10.0
-    max_evidence: float = 5.0
+    cell_m: float = 0.08  # side of a cell
+    size_cells: int = 64  # number of cells along a side, a power of two; what lies beyond is forgotten
+    lifetime_s: float = 10.0  # time in which evidence falls to 1/e
+    max_evidence: float = 5.0  # limit of the evidence of an obstacle, so that a few frames can free a cell
+    # limit of the evidence of free floor, so that four frames can block a cell
     max_free_evidence: float = 2.0
 
     def __post_init__(self) -> None:

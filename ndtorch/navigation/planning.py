@@ -87,26 +87,14 @@ class Plan(NamedTuple):
 
 @dataclass(frozen=True)
 class PlannerParams:
-    """Parameters of paths and of the speeds along them.
+    """Parameters of paths and of the speeds along them."""
 
-    Args:
-        speed_m_per_s: Speed where there is room.
-        tight_speed_m_per_s: Speed where it is tight.
-        unknown_speed_m_per_s: Speed into unknown cells.
-        deceleration_m_per_s2: Deceleration with which the car can brake.
-        safety_margin_m: Distance that is kept free around the body.
-        body: Outline and tightest turn of the car.
-
-    Raises:
-        InputError: A number is not positive, or the body too large.
-    """
-
-    speed_m_per_s: float = 0.5
-    tight_speed_m_per_s: float = 0.35
-    unknown_speed_m_per_s: float = 0.3
-    deceleration_m_per_s2: float = 1.5
-    safety_margin_m: float = 0.05
-    body: Body = field(default_factory=Body)
+    speed_m_per_s: float = 0.5  # speed where there is room
+    tight_speed_m_per_s: float = 0.35  # speed where it is tight
+    unknown_speed_m_per_s: float = 0.3  # speed into unknown cells
+    deceleration_m_per_s2: float = 1.5  # deceleration with which the car can brake
+    safety_margin_m: float = 0.05  # distance that is kept free around the body
+    body: Body = field(default_factory=Body)  # outline and tightest turn of the car
 
     def __post_init__(self) -> None:
         check_numbers(self, positive=vars(self))

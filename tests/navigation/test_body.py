@@ -113,8 +113,6 @@ def test_a_small_robot_and_one_whose_cameras_see_too_little_floor() -> None:
     assert navigator.ranging.matching.max_disparity_px == pytest.approx(200 * 0.06 * 215 / 129 / robot.unit_m)
     with pytest.raises(InputError, match=r"lengths in units of the body, 0.278 m"):
         Navigator(replace(rig, camera_height=0.5), 1 / 30, body=robot)
-    with pytest.raises(InputError, match="belong to a controller that is named"):
-        Navigator(rig, 1 / 30, controller=navigator.controller, body=robot)
 
 
 def test_circle_and_line():

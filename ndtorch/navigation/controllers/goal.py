@@ -71,9 +71,6 @@ class GoalParams(PlannerParams):
         lookahead_m: Distance along the path at which pure pursuit aims.
         memory_s: Time in which evidence of obstacles and floor falls to 1/e.
         map_cells: Number of cells of 5 cm along each side of the local grid, a power of two.
-
-    Raises:
-        InputError: A number is not positive.
     """
 
     goal: tuple[float, float] | None = None
@@ -127,9 +124,6 @@ class GoalControl(RangingControl):
 
     Args:
         rig, dt, params: as `Controller`.
-
-    Raises:
-        InputError: numbers out of range, or inputs that do not belong together.
     """
 
     name, Params, modes = "goal", GoalParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED)

@@ -41,9 +41,6 @@ class AvoidanceParams:
         speed_m_per_s: The car drives at this speed while it is not stopped.
         start_suppression_s: No turn starts and the car does not stop for this time after the start. It is not in [A]: a
             camera that has not moved yet sees nothing move, and the rule for low outputs would stop the car.
-
-    Raises:
-        InputError: A number is out of range.
     """
 
     turn_threshold: float = 0.15
@@ -63,17 +60,11 @@ class AvoidanceParams:
 
 
 class AvoidanceState(NamedTuple):
-    """State of `SaccadeAvoidance`, every part `[...]`; numbers in the compiled step.
+    """State of `SaccadeAvoidance`, every part `[...]`; numbers in the compiled step."""
 
-    Attributes:
-        difference: right minus left, low-passed: positive where the car should rather turn left.
-        age: time steps since the last turn began; minus infinity once the car has stopped.
-        curvature: what is being driven, 1/m, to the left positive.
-    """
-
-    difference: Any
-    age: Any
-    curvature: Any
+    difference: Any  # right minus left, low-passed: positive where the car should rather turn left
+    age: Any  # time steps since the last turn began; minus infinity once the car has stopped
+    curvature: Any  # what is being driven, 1/m, to the left positive
 
 
 class SubfieldMotion(nn.Module):

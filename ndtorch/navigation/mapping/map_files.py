@@ -39,17 +39,12 @@ free_thresh: 0.196
 
 
 class SavedMap(NamedTuple):
-    """A map from a file.
+    """A map from a file."""
 
-    Attributes:
-        cells: `[rows, columns]`, the largest is 1; row 0 is at the smallest y.
-        grid: where the cells are.
-        ndt_cells: sparse NDT cells, `[k, 8]`, see `ndtorch.navigation.localisation.ndt`; None in a
-            map that was made without `localise`. The file calls them `walls`.
-    """
-
-    cells: Tensor
-    grid: Grid
+    cells: Tensor  # `[rows, columns]`, the largest is 1; row 0 is at the smallest y
+    grid: Grid  # where the cells are
+    # sparse NDT cells, `[k, 8]`, see `ndtorch.navigation.localisation.ndt`; None in a map that was made
+    # without `localise`. The file calls them `walls`
     ndt_cells: Cells | None
 
 

@@ -17,18 +17,12 @@ from ndtorch.vision.temporal import corrected, predicted
 
 
 class Observations(NamedTuple):
-    """State of `ObservationList`: the K newest observations, newest first, each part `[..., K]`.
+    """State of `ObservationList`: the K newest observations, newest first, each part `[..., K]`."""
 
-    Attributes:
-        x, y: where it is in the world, m.
-        weight: what it still counts; 0 in slots that are empty.
-        seen_from: `[..., K, 3]`, the pose (x, y, heading) it was seen from.
-    """
-
-    x: Tensor
+    x: Tensor  # x, y: where it is in the world, m
     y: Tensor
-    weight: Tensor
-    seen_from: Tensor
+    weight: Tensor  # what it still counts; 0 in slots that are empty
+    seen_from: Tensor  # `[..., K, 3]`, the pose (x, y, heading) it was seen from
 
 
 class ObservationList(nn.Module):
@@ -85,20 +79,13 @@ MIN_AGE_S, MIN_SPEED_M_PER_S = 0.8, 0.2  # age and speed through the world from 
 
 
 class Tracks(NamedTuple):
-    """State of `AlphaBetaTracker`, K slots.
+    """State of `AlphaBetaTracker`, K slots."""
 
-    Attributes:
-        place, velocity: in the world, m and m/s, `[..., K, 2]`.
-        age: seconds since the track began, `[..., K]`.
-        unseen: seconds since it was last seen; infinite in empty slots.
-        dynamic: bool; moves in a way that the car's own motion does not explain.
-    """
-
-    place: Tensor
+    place: Tensor  # place, velocity: in the world, m and m/s, `[..., K, 2]`
     velocity: Tensor
-    age: Tensor
-    unseen: Tensor
-    dynamic: Tensor
+    age: Tensor  # seconds since the track began, `[..., K]`
+    unseen: Tensor  # seconds since it was last seen; infinite in empty slots
+    dynamic: Tensor  # bool; moves in a way that the car's own motion does not explain
 
 
 class AlphaBetaTracker(nn.Module):

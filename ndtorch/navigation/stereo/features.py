@@ -32,9 +32,6 @@ class FeatureParams:
             leaves it where the motion is largest, as published.
         shared: Features are looked for only where the other camera can see the same at
             `MatchParams.min_disparity_px`. Not in [A].
-
-    Raises:
-        InputError: A number is out of range.
     """
 
     count: int = 5
@@ -57,9 +54,6 @@ class MatchParams:
         max_disparity_px: A match has a smaller disparity than this.
         one_to_one: A right feature belongs to the left feature that it resembles most, and to no other.
         max_error: Partners whose patches differ by more than this, [A eq. A.2], are no match. Not in [A].
-
-    Raises:
-        InputError: A number is out of range.
     """
 
     min_disparity_px: float = 60.0

@@ -47,9 +47,6 @@ class SearchParams:
         agreement_ratio: Ratio of the columns around a place whose matches must agree with its own: by 1 pixel
             of disparity, and half a pixel more for every pixel between them, which a wall seen at an angle needs.
         spacing_px: Places lie more than this far apart.
-
-    Raises:
-        InputError: A number is out of range.
     """
 
     count: int = 16

@@ -382,23 +382,14 @@ def remember(
 @jit
 def next_mode(
     mode: int,
-    learning: bool,
-    blocked_ahead: bool,
-    clear: bool,
-    blocked_sides: bool,
-    reverse_done: bool,
-    blocked_rear: bool,
+    learning: bool,  # the car has not learned yet what floor looks like
+    blocked_ahead: bool,  # less is free straight ahead than a turn wants
+    clear: bool,  # enough is free straight ahead, and the turn has lasted its shortest time
+    blocked_sides: bool,  # neither arc to the side of the turn leaves enough to drive on
+    reverse_done: bool,  # reversed as far as intended, an arc ahead is long again, or nothing is left behind
+    blocked_rear: bool,  # nothing is left behind the car either
 ) -> int:
-    """The transitions.
-
-    Args:
-        learning: the car has not learned yet what floor looks like.
-        blocked_ahead: less is free straight ahead than a turn wants.
-        clear: enough is free straight ahead, and the turn has lasted its shortest time.
-        blocked_sides: neither arc to the side of the turn leaves enough to drive on.
-        reverse_done: reversed as far as intended or until an arc ahead is long again, or nothing is left behind.
-        blocked_rear: nothing is left behind the car either.
-    """
+    """The transitions."""
     if mode == SUPPRESSED and learning:
         return SUPPRESSED
     if (mode in (SUPPRESSED, CRUISE) and not blocked_ahead) or (mode == TURN and clear):

@@ -60,9 +60,6 @@ class RangingParams:
         overhangs: What was ranged stays in the path although floor is seen there, as below sofas.
         body: Outline of the car.
         grid: Parameters of the local grid.
-
-    Raises:
-        InputError: A number is not positive.
     """
 
     speed_m_per_s: float = 0.5
