@@ -31,7 +31,7 @@ class StubState(NamedTuple):
 class StubModel(nn.Module):
     """Tracks one object along the columns, a pixel a frame; its outputs become NaN in frame `breaks`."""
 
-    name, tracks, settle = "stub", True, 0.0
+    name, tracks, settle, group = "stub", True, 0.0, 0
 
     def __init__(self, fps: float = 10.0, breaks: int | None = None) -> None:
         super().__init__()
