@@ -29,7 +29,7 @@ Format = Literal["pt2", "aoti", "onnx"]
 SUFFIXES: dict[str, str] = {"pt2": ".pt2", "aoti": ".aoti.pt2", "onnx": ".onnx"}
 
 
-class Step(nn.Module):
+class ProgramStep(nn.Module):
     """A model with its state as a flat list of tensors: what is exported.
 
     Args:
@@ -100,8 +100,8 @@ def export(
         _, state = model(example)
         tensors = tuple(leaves(state).values())
         programs = {
-            "first": torch.export.export(Step(model), (example,)),
-            "next": torch.export.export(Step(model, state), (example, *tensors)),
+            "first": torch.export.export(ProgramStep(model), (example,)),
+            "next": torch.export.export(ProgramStep(model, state), (example, *tensors)),
         }
     whole = {place / f"{name}{SUFFIXES[format]}": packed(program, format) for name, program in programs.items()}
     try:

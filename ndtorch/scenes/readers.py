@@ -45,7 +45,7 @@ Image = np.ndarray[Any, np.dtype[Any]]
 """`[H, W, 3]` in blue, green, red, or `[H, W]` in grey; uint8, or what the file has where it has more."""
 
 
-class Frame(NamedTuple):
+class StampedFrame(NamedTuple):
     """A decoded frame and its time stamp in seconds, on the clock of the source."""
 
     image: Image
@@ -95,7 +95,7 @@ class Reader(ABC):
     ended = ""
 
     @abstractmethod
-    def read(self) -> Iterator[Frame]:
+    def read(self) -> Iterator[StampedFrame]:
         """Frames from the first on, until no more can be decoded. A live source goes on where it is."""
 
     def close(self) -> None:  # noqa: B027  nothing to do for most
@@ -131,7 +131,7 @@ class FileReader(Reader):
             raise InputError(f"video {path} cannot be used: none of its frames can be decoded")
         self.size = (first.image.shape[0], first.image.shape[1])
 
-    def read(self) -> Iterator[Frame]:
+    def read(self) -> Iterator[StampedFrame]:
         container, stream = open_file(self.path)
         with container:
             stream.thread_type = "AUTO"
@@ -139,7 +139,7 @@ class FileReader(Reader):
             for frame in decoded(container, stream):
                 stamp = stamp_of(frame)
                 last = last + 1 / (self.fps or RAW_FPS) if math.isnan(stamp) else stamp
-                yield Frame(pixels(frame), last)
+                yield StampedFrame(pixels(frame), last)
 
 
 class ImagesReader(Reader):
@@ -177,9 +177,9 @@ class ImagesReader(Reader):
             )
         return np.asarray(image)
 
-    def read(self) -> Iterator[Frame]:
+    def read(self) -> Iterator[StampedFrame]:
         for number in range(self.count or 0):
-            yield Frame(self.image(number), number / self.fps)
+            yield StampedFrame(self.image(number), number / self.fps)
 
 
 class LiveReader(Reader):
@@ -195,7 +195,7 @@ class LiveReader(Reader):
         address = isinstance(source, str) and "://" in source
         self.what = source if isinstance(source, str) else f"camera {source}"
         self._frames = self._open_address(str(source)) if address else self._open_camera(source)
-        began, self._first = time.monotonic(), list[Frame]()
+        began, self._first = time.monotonic(), list[StampedFrame]()
         for frame in self._frames:
             self._first.append(frame)
             if len(self._first) >= FIRST_FRAMES or time.monotonic() - began > FIRST_S:
@@ -210,7 +210,7 @@ class LiveReader(Reader):
         # A camera whose frames were waiting is not faster than it says.
         self.fps = declared if declared and (measured >= 0.8 * declared or len(self._first) < 3) else measured
 
-    def _open_camera(self, source: int | str) -> Iterator[Frame]:
+    def _open_camera(self, source: int | str) -> Iterator[StampedFrame]:
         import cv2
 
         self._device: Any = open_capture(source)
@@ -220,16 +220,16 @@ class LiveReader(Reader):
         self._declared = declared if 0 < declared < 1e9 else 0.0
         return self._from_camera()
 
-    def _from_camera(self) -> Iterator[Frame]:
+    def _from_camera(self) -> Iterator[StampedFrame]:
         began = time.monotonic()
         while True:
             there, image = self._device.read()
             if not there:
                 self.ended = "it gives no more frames"
                 return
-            yield Frame(image, time.monotonic() - began)
+            yield StampedFrame(image, time.monotonic() - began)
 
-    def _open_address(self, address: str) -> Iterator[Frame]:
+    def _open_address(self, address: str) -> Iterator[StampedFrame]:
         import av
 
         check_scheme(address)
@@ -250,16 +250,16 @@ class LiveReader(Reader):
         self._declared = float(stream.guessed_rate or 0) if stamped else 0.0
         return self._from_address(stream, stamped)
 
-    def _from_address(self, stream: Any, stamped: bool) -> Iterator[Frame]:
+    def _from_address(self, stream: Any, stamped: bool) -> Iterator[StampedFrame]:
         began = last = time.monotonic()
         for frame in decoded(self._device, stream):
             last = time.monotonic()
             stamp = stamp_of(frame) if stamped else math.nan
-            yield Frame(pixels(frame), last - began if math.isnan(stamp) else stamp)
+            yield StampedFrame(pixels(frame), last - began if math.isnan(stamp) else stamp)
         silent = time.monotonic() - last
         self.ended = f"it sent nothing for {silent:.0f} s" if silent > 0.8 * SILENCE_S else "the sender ended it"
 
-    def read(self) -> Iterator[Frame]:
+    def read(self) -> Iterator[StampedFrame]:
         while self._first:
             yield self._first.pop(0)
         yield from self._frames

@@ -21,11 +21,11 @@ from ndtorch.scenes.base import FrameSource, PixelMap, SourceFrames, check_chunk
 from ndtorch.scenes.readers import (
     IMAGE_SUFFIXES,
     FileReader,
-    Frame,
     Image,
     ImagesReader,
     LiveReader,
     Reader,
+    StampedFrame,
 )
 
 log = logging.getLogger(__name__)
@@ -150,7 +150,7 @@ class VideoSource(FrameSource):
         end = reader.count if stop is None else stop
         if start == 0 and stop is None and reader.timed and reader.stamps:
             nothing = np.zeros((0, 0), np.uint8)
-            end = sum(1 for _ in paced((Frame(nothing, s) for s in reader.stamps), reader.fps, array("d")))
+            end = sum(1 for _ in paced((StampedFrame(nothing, s) for s in reader.stamps), reader.fps, array("d")))
         self.length = None if end is None else -(-(end - start) // every)
 
     @property
@@ -237,7 +237,7 @@ class VideoSource(FrameSource):
 
 
 def paced(
-    frames: Iterable[Frame],
+    frames: Iterable[StampedFrame],
     fps: float,
     log: array[float],
     timed: bool = True,
@@ -257,7 +257,7 @@ def paced(
         start: number of the frame at tick 0.
         on_jump: called with the number of the frame after a gap, its seconds, and the time on the clock.
     """
-    shown: Frame | None = None
+    shown: StampedFrame | None = None
     time = before = offset = 0.0
     ticks, noted = 0, True
     for number, frame in enumerate(frames):

@@ -122,7 +122,7 @@ class ForegroundState(NamedTuple):
     time: Tensor
 
 
-class Step(NamedTuple):
+class ForegroundStep(NamedTuple):
     """One time step: measured features, None where a new scene begins, labels, numbers of the objects that were seen,
     and tracks that ended."""
 
@@ -209,7 +209,7 @@ class ForegroundModel(BindingModel):
         state = self._start() if state is None else state
         scene, closed = None if state.scene is None else as_arrays(state.scene), list[Tracks]()
         waiting, counted, time = state.waiting, int(state.frames), float(state.time)
-        steps, masks = list[Step](), list[Any]()
+        steps, masks = list[ForegroundStep](), list[Any]()
         for k, frame in enumerate(frames):
             image = downscale(frame, self.small)
             if self.group > 1:
@@ -269,14 +269,14 @@ class ForegroundModel(BindingModel):
         features = self.features.start(image, background.mean, np.zeros(self.small, np.int32))
         return SceneState(background, no_tracks(), np.array(count, np.int64), features)
 
-    def _step(self, image: Any, scene: SceneState, time: float) -> tuple[SceneState, Step]:
+    def _step(self, image: Any, scene: SceneState, time: float) -> tuple[SceneState, ForegroundStep]:
         """One image `[3, h, w]`."""
         c, background = self.config, scene.background
         seen = segment(image, background, self.dt, c.background)
         if seen.cut:
             ended, none = scene.tracks.take(scene.tracks.confirmed), np.zeros(0, np.int64)
             begun = self._begin(image, int(scene.count))
-            return begun, Step(time, None, np.zeros(self.small, np.int32), none, ended)
+            return begun, ForegroundStep(time, None, np.zeros(self.small, np.int32), none, ended)
         seen_for = float(background.frames) * self.dt
         tracks, ended, labels = update(scene.tracks, int(scene.count), seen, time, seen_for, self.dt, c.tracking)
         count = max(int(scene.count), int(tracks.number.max(initial=-1)) + 1)
@@ -286,9 +286,9 @@ class ForegroundModel(BindingModel):
         replace_ghosts(tracks, labels, seen, background, c.background.static_after_s, c.tracking)
         reported = tracks.number[tracks.confirmed & (tracks.seen == time)].astype(np.int64)
         after = SceneState(background, tracks, np.array(count, np.int64), scene.features)
-        return after, Step(time, measured, labels, reported, ended)
+        return after, ForegroundStep(time, measured, labels, reported, ended)
 
-    def _bind(self, tables: list[Tracks], steps: list[Step], inputs: Tensor, outputs: Tensor) -> None:
+    def _bind(self, tables: list[Tracks], steps: list[ForegroundStep], inputs: Tensor, outputs: Tensor) -> None:
         """Add what the network took and gave to the objects that were reported at each step."""
         both = torch.cat([inputs, outputs], -1).double().numpy()
         row = {number: own for table in tables for number, own in zip(table.number.tolist(), table.rows, strict=True)}

@@ -35,7 +35,7 @@ DARKEST, BRIGHTEST = 0.25, 0.75
 
 
 @dataclass(frozen=True)
-class Condition:
+class FilmCondition:
     """What the films of one row of the table have in common.
 
     Attributes:
@@ -63,32 +63,32 @@ class Condition:
     in_step: bool = False
 
 
-CONDITIONS: Mapping[str, Condition] = {
-    "black, 1 to 3 bars": Condition(),
-    "black, 4 bars": Condition((4,)),
-    "two_bars, any phase": Condition((2,), paper=True),
-    "three_bars, any phase": Condition((3,), paper=True),
-    "noise 0.2 %": Condition(noise=0.002),
-    "noise 1 %": Condition(noise=0.01),
-    "noise 2 %": Condition(noise=0.02),
-    "grey ground .2": Condition(ground=0.2),
-    "grey ground .4": Condition(ground=0.4),
-    "grey ground .6": Condition(ground=0.6),
-    "grey ground .4, noise 1 %": Condition(ground=0.4, noise=0.01),
-    "textured ground .2": Condition(ground=0.2, texture=True),
-    "textured ground .4": Condition(ground=0.4, texture=True),
-    "textured ground .6": Condition(ground=0.6, texture=True),
-    "hues 30° apart": Condition((2, 3), hue_gap=30.0),
-    "one hue, 2 orientations": Condition((2,), hue_gap=0.0),
-    "equal bars": Condition((2, 3), hue_gap=0.0, one_orientation=True),
-    "grey film": Condition((1, 2, 3), grey=True),
-    "bars come and go": Condition((2, 3), come_and_go=True),
-    "two_bars, three_bars in step": Condition((2, 2, 3), in_step=True),
+CONDITIONS: Mapping[str, FilmCondition] = {
+    "black, 1 to 3 bars": FilmCondition(),
+    "black, 4 bars": FilmCondition((4,)),
+    "two_bars, any phase": FilmCondition((2,), paper=True),
+    "three_bars, any phase": FilmCondition((3,), paper=True),
+    "noise 0.2 %": FilmCondition(noise=0.002),
+    "noise 1 %": FilmCondition(noise=0.01),
+    "noise 2 %": FilmCondition(noise=0.02),
+    "grey ground .2": FilmCondition(ground=0.2),
+    "grey ground .4": FilmCondition(ground=0.4),
+    "grey ground .6": FilmCondition(ground=0.6),
+    "grey ground .4, noise 1 %": FilmCondition(ground=0.4, noise=0.01),
+    "textured ground .2": FilmCondition(ground=0.2, texture=True),
+    "textured ground .4": FilmCondition(ground=0.4, texture=True),
+    "textured ground .6": FilmCondition(ground=0.6, texture=True),
+    "hues 30° apart": FilmCondition((2, 3), hue_gap=30.0),
+    "one hue, 2 orientations": FilmCondition((2,), hue_gap=0.0),
+    "equal bars": FilmCondition((2, 3), hue_gap=0.0, one_orientation=True),
+    "grey film": FilmCondition((1, 2, 3), grey=True),
+    "bars come and go": FilmCondition((2, 3), come_and_go=True),
+    "two_bars, three_bars in step": FilmCondition((2, 2, 3), in_step=True),
 }
 """Rows of the table by name."""
 
 
-class Film(RenderedScene):
+class BarFilm(RenderedScene):
     """Bars over a ground, later ones over earlier ones, with pixel noise, rounded to 8 bits.
 
     Args:
@@ -125,15 +125,15 @@ class Film(RenderedScene):
             canvas += self.noise * torch.randn(canvas.shape, generator=generator)
         return (canvas.clamp_(0, 1) * 255).round_().div_(255).view(*canvas.shape[:-1], *self.size)
 
-    def alone(self, k: int) -> Film:
+    def alone(self, k: int) -> BarFilm:
         """Bar k by itself on black, without noise."""
         light = None if self.light is None else self.light[k : k + 1]
-        film = Film(self.bars[k : k + 1], light, [(0, SECONDS)], torch.zeros_like(self.ground))
+        film = BarFilm(self.bars[k : k + 1], light, [(0, SECONDS)], torch.zeros_like(self.ground))
         film.length = round(ALONE * self.fps)
         return film
 
 
-def draw_film(name: str, split: Split, number: int) -> Film:
+def draw_film(name: str, split: Split, number: int) -> BarFilm:
     """Film of a condition, by its number.
 
     Bars move in any direction at 20 to 150 pixels a second; half of them move across their long axis, the others have
@@ -166,15 +166,15 @@ def draw_film(name: str, split: Split, number: int) -> Film:
         noise = torch.randn(1, 3, *size, generator=torch.Generator().manual_seed(seed))
         smooth = torch.nn.functional.avg_pool2d(torch.nn.functional.pad(noise, (4, 4, 4, 4), mode="circular"), 9, 1)[0]
         ground = (ground + 0.15 * smooth / smooth.std()).clamp(0, 1)
-    return Film(drawn, torch.from_numpy(np.stack(light)).float(), shown, ground, c.noise, seed)
+    return BarFilm(drawn, torch.from_numpy(np.stack(light)).float(), shown, ground, c.noise, seed)
 
 
-def paper_film(bars: int, phase: float, rng: np.random.Generator) -> Film:
+def paper_film(bars: int, phase: float, rng: np.random.Generator) -> BarFilm:
     """The papers' two or three bars in the sine shadow, from other starting positions than theirs."""
     x, y = rng.uniform(-60, 60, 2)
     scene = (two_bars if bars == 2 else three_bars)(SECONDS, phase=phase, shift=(x, y), fps=25.0)
     single = [BarScene([bar], SECONDS, scene.fluctuation, scene.size, scene.fps) for bar in scene.bars]  # type: ignore[arg-type]
-    return Film(single, None, [(0, SECONDS)] * bars, torch.zeros(3, *scene.size))
+    return BarFilm(single, None, [(0, SECONDS)] * bars, torch.zeros(3, *scene.size))
 
 
 def apart(rng: np.random.Generator, count: int, period: float, gap: float) -> np.ndarray:
@@ -213,7 +213,7 @@ class Sums(NamedTuple):
     fps: float
 
 
-def film_sums(film: Film) -> Tensor:
+def film_sums(film: BarFilm) -> Tensor:
     """The ten sums of every frame, `[T, 10]`."""
     features, state, sums = VisualFeatures(film.size, 1 / film.fps), None, []
     with torch.inference_mode():
@@ -223,7 +223,7 @@ def film_sums(film: Film) -> Tensor:
     return torch.cat(sums)
 
 
-def kept_sums(film: Film, path: Path) -> Sums:
+def kept_sums(film: BarFilm, path: Path) -> Sums:
     """The sums and the truth of a film, from the file or computed and written there.
 
     The features of a bar are those of its own fluctuations, filmed alone on black, through the settled first stage:

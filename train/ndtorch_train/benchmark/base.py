@@ -78,7 +78,7 @@ class Benchmark:
     draw: Callable[[list[Row], Path], list[Shown]] = lambda rows, folder: []
     settings: Mapping[str, Any] = field(default_factory=dict)
 
-    def run(self, folder: Path, jobs: int, fresh: bool, report: Callable[[str], None]) -> Result:
+    def run(self, folder: Path, jobs: int, fresh: bool, report: Callable[[str], None]) -> BenchmarkResult:
         """Run the tasks that have no rows in this folder yet, and write all files.
 
         Rows of other settings are not used: the folder begins anew.
@@ -106,7 +106,7 @@ class Benchmark:
                     end.write(json.dumps([key, rows]) + "\n")
                 report(f"{key}: done")
             every = [row for task in self.tasks for row in kept.get(task.key, ())]
-            return Result(every, self._write(every, folder), folder, failed)
+            return BenchmarkResult(every, self._write(every, folder), folder, failed)
         except OSError as error:
             raise InputError(f"{error.filename or folder} cannot be written: {error.strerror or error}") from None
 
@@ -146,7 +146,7 @@ class Benchmark:
         return text
 
 
-class Result(NamedTuple):
+class BenchmarkResult(NamedTuple):
     """Rows, the text to print, the folder of the files, and why tasks failed."""
 
     rows: list[Row]

@@ -13,7 +13,7 @@ import tyro
 
 from ndtorch.errors import InputError
 from ndtorch.utils.workers import cores
-from ndtorch_train.benchmark.base import Benchmark, Result, Split
+from ndtorch_train.benchmark.base import Benchmark, BenchmarkResult, Split
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Options:
         made = self.benchmark()
         return self.measure(made, self.out or Path("out/benchmark") / made.name).report(self.json, self.open)
 
-    def measure(self, made: Benchmark, out: Path) -> Result:
+    def measure(self, made: Benchmark, out: Path) -> BenchmarkResult:
         """Run a benchmark; each task that is done is printed."""
         jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
@@ -111,7 +111,7 @@ class ShapeIdentification(Seeded):
 
 
 @dataclass(frozen=True)
-class Ranges(Options):
+class RangesOnPhotographs(Options):
     """Score ranges of single rows on stereo pairs with ground truth, beside OpenCV's semi-global matching."""
 
     pairs: Annotated[Path, tyro.conf.Positional] = Path()
@@ -138,7 +138,7 @@ class BenchmarkCommand:
         "over-time": OverTime,
         "foreground": Foreground,
         "shape-identification": ShapeIdentification,
-        "ranges": Ranges,
+        "ranges": RangesOnPhotographs,
     }
 
     def run(self) -> int:

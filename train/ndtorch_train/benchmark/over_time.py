@@ -19,7 +19,7 @@ from ndtorch.binding.network import settled
 from ndtorch.binding.objects import features_by_group
 from ndtorch.vision import GROUPS
 from ndtorch.vision.temporal import HighPass
-from ndtorch_train.benchmark.bar_scenes import CONDITIONS, SECONDS, Film, Sums, draw_film, first_stage, kept_sums
+from ndtorch_train.benchmark.bar_scenes import CONDITIONS, SECONDS, BarFilm, Sums, draw_film, first_stage, kept_sums
 from ndtorch_train.benchmark.base import Benchmark, Column, Row, Split, Task, known
 from ndtorch_train.plots import draw_reliability
 
@@ -47,7 +47,7 @@ class Reading(NamedTuple):
     confidence: float | None = None
 
 
-Method = Callable[[Film, Sums, Sequence[int]], list[Reading]]
+Method = Callable[[BarFilm, Sums, Sequence[int]], list[Reading]]
 """Film, its sums and seconds of reading -> readings."""
 
 
@@ -62,13 +62,13 @@ def windows(sums: Sums, seconds: Sequence[int]) -> list[Tensor]:
     return scaled
 
 
-def color_rank(film: Film, sums: Sums, seconds: Sequence[int]) -> list[Reading]:
+def color_rank(film: BarFilm, sums: Sums, seconds: Sequence[int]) -> list[Reading]:
     """Number of eigenvalues of the covariance of the three color sums above 1e-4 of the largest."""
     values = [torch.linalg.eigvalsh(part[:, GROUPS["color"]].mT.cov()) for part in windows(sums, seconds)]
     return [Reading(int((each > 1e-4 * each[-1]).sum())) for each in values]
 
 
-def fast_ica(film: Film, sums: Sums, seconds: Sequence[int]) -> list[Reading]:
+def fast_ica(film: BarFilm, sums: Sums, seconds: Sequence[int]) -> list[Reading]:
     """FastICA with as many components as the covariance of the ten sums has eigenvalues above 1 % of the largest."""
     from sklearn.decomposition import FastICA
 
@@ -85,7 +85,7 @@ def fast_ica(film: Film, sums: Sums, seconds: Sequence[int]) -> list[Reading]:
     return readings
 
 
-def whole_field(film: Film, sums: Sums, seconds: Sequence[int], *, model: str) -> list[Reading]:
+def whole_field(film: BarFilm, sums: Sums, seconds: Sequence[int], *, model: str) -> list[Reading]:
     """A model of sums over the whole field, from the sums of the film."""
     module: Any = ndtorch.load(model, size=film.size, fps=film.fps)
     state, readings, done = None, list[Reading](), 0
@@ -100,7 +100,7 @@ def whole_field(film: Film, sums: Sums, seconds: Sequence[int], *, model: str) -
     return readings
 
 
-def retinotopic(film: Film, sums: Sums, seconds: Sequence[int]) -> list[Reading]:
+def retinotopic(film: BarFilm, sums: Sums, seconds: Sequence[int]) -> list[Reading]:
     """The retinotopic model, which needs the frames."""
     module, state, readings = ndtorch.load("retinotopic", size=film.size, fps=film.fps), None, list[Reading]()
     ends = {round(second * film.fps) for second in seconds}

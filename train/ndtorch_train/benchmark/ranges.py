@@ -61,7 +61,7 @@ NOTE = (
 )
 
 
-class Pair(NamedTuple):
+class PhotographPair(NamedTuple):
     """A rectified pair: grey images `[H, W]`, and the disparity of the left pixels, 0 where it is not known."""
 
     left: Image
@@ -136,7 +136,7 @@ def spoiled(image: Image, noise: float, exposure: float, rng: np.random.Generato
     return np.asarray(values.round().clip(0, 255), np.uint8)
 
 
-def draw_pair(pair: Pair, found: Found, path: Path) -> None:
+def draw_pair(pair: PhotographPair, found: Found, path: Path) -> None:
     """The left image with a point at every range: blue right to 10 %, orange not, grey unknown."""
     true, image = pair.truth[found.row, found.column], cv2.cvtColor(pair.left, cv2.COLOR_GRAY2BGR)
     for row, column, far, known in zip(found.row, found.column, abs(true / found.disparity - 1), true > 0, strict=True):
@@ -176,7 +176,7 @@ def pair_folders(folder: Path) -> list[Path]:
     return pairs
 
 
-def read_pair(folder: Path) -> Pair:
+def read_pair(folder: Path) -> PhotographPair:
     """Read left.png, right.png, and the truth: the one file whose name begins with `disp`.
 
     Its values are pixels in files of floating point (.tif, .pfm), pixels times N where its name ends in `_xN`, and
@@ -191,7 +191,7 @@ def read_pair(folder: Path) -> Pair:
         raise InputError(f"{folder}: the sizes differ: left {left.shape}, right {right.shape}, truth {truth.shape}")
     scale = re.search(r"_x(\d+)$", truths[0].stem)
     truth /= float(scale[1]) if scale else KITTI if truths[0].suffix == ".png" else 1.0
-    return Pair(left, right, np.where(np.isfinite(truth) & (truth > 0), truth, 0).astype(np.float32))
+    return PhotographPair(left, right, np.where(np.isfinite(truth) & (truth > 0), truth, 0).astype(np.float32))
 
 
 def read(path: Path, mode: int) -> npt.NDArray[Any]:

@@ -34,7 +34,7 @@ FIRST_SEED = {"tune": 40_000_000, "test": 41_000_000}
 """Film i has this seed plus i."""
 
 
-class Condition(NamedTuple):
+class DotCondition(NamedTuple):
     """How films are drawn.
 
     Attributes:
@@ -52,11 +52,11 @@ class Condition(NamedTuple):
     frames: int = LENGTH
 
 
-CONDITIONS: Mapping[str, Condition] = {
-    "plain": Condition(),
-    "fast": Condition(fastest=128.0),
-    "short-lived": Condition(lifetime=(4.0, 6.0)),
-    "noise": Condition(noise=2.0),
+CONDITIONS: Mapping[str, DotCondition] = {
+    "plain": DotCondition(),
+    "fast": DotCondition(fastest=128.0),
+    "short-lived": DotCondition(lifetime=(4.0, 6.0)),
+    "noise": DotCondition(noise=2.0),
 }
 """Every condition by its name."""
 
@@ -74,7 +74,7 @@ def outline(rng: np.random.Generator) -> Floats:
     return np.asarray(path / np.ptp(path, 0))
 
 
-class Film:
+class DotFilm:
     """A film of dots and its two shapes.
 
     Args:
@@ -86,7 +86,7 @@ class Film:
         velocity, ground: pixels a frame, columns and rows.
     """
 
-    def __init__(self, seed: int, condition: Condition) -> None:
+    def __init__(self, seed: int, condition: DotCondition) -> None:
         rng = np.random.default_rng(seed)
         turn, scale = rng.uniform(0, 2 * np.pi), rng.uniform(0.4, 1) * SIDE / 2
         turned = scale * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
@@ -160,7 +160,7 @@ def measure(case: str, method: str, split: Split, films: int, out: Path) -> list
     """The row of a method under a condition."""
     right, overlap = 0, 0.0
     for n in range(films):
-        film = Film(FIRST_SEED[split] + n, CONDITIONS[case])
+        film = DotFilm(FIRST_SEED[split] + n, CONDITIONS[case])
         mask = METHODS[method](film.frames)
         shown, other = (mask_iou(mask, film.mask(shape, len(film.frames) - 1)) for shape in (0, 1))
         right += shown > other

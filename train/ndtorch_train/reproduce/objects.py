@@ -59,7 +59,7 @@ def table(context: Context) -> Outcome:
     return Outcome(f"r = {numbers_of}", "", {"r = [8, 9]": numbers_of == [8, 9]}, {"O": rows})
 
 
-class Moment(NamedTuple):
+class AttendedMoment(NamedTuple):
     """What attention makes of one moment: time since learning began, winner, `[H, W, 3]` images, f_j, and how bright
     red is beside green in the input (`before`), the winner beside the other in the enhanced image (`gain`)."""
 
@@ -73,7 +73,7 @@ class Moment(NamedTuple):
     gain: float
 
 
-def equal_moments(seconds: float, since: float, shift: tuple[float, float]) -> list[Moment]:
+def equal_moments(seconds: float, since: float, shift: tuple[float, float]) -> list[AttendedMoment]:
     """Moments of equal input at which red or green wins, five times a second from `since` seconds of learning on.
     [C eq. 11, fig. 5]"""
     model = ndtorch.load("published")
@@ -97,7 +97,7 @@ def equal_moments(seconds: float, since: float, shift: tuple[float, float]) -> l
             peak = enhanced.amax((-1, -2)).clamp_min(1 / 255)
             gain = float(peak[0] / peak[1] if k == N_RED else peak[1] / peak[0])
             a, b, c = (image.permute(1, 2, 0).clone() for image in (frames[-1], mask, enhanced))
-            found.append(Moment(time, int(k), a, b, c, f, red / green, gain))
+            found.append(AttendedMoment(time, int(k), a, b, c, f, red / green, gain))
     return found
 
 
@@ -124,7 +124,7 @@ def enhanced_image(context: Context) -> Outcome:
     return Outcome(f"medians {red:.1f} (red) and {green:.1f} (green)", why, criteria, numbers)
 
 
-def enhanced_figures(context: Context, shown: list[Moment]) -> None:
+def enhanced_figures(context: Context, shown: list[AttendedMoment]) -> None:
     """The two moments, input beside enhanced image, and how an enhanced image comes about."""
 
     def crop(image: Tensor) -> Tensor:

@@ -44,7 +44,7 @@ def superposed(
     return stimuli.red(seconds), stimuli.green(phases, seconds), stimuli.blue(offsets, seconds)
 
 
-class Run(NamedTuple):
+class LearningRun(NamedTuple):
     """The second stage over one or many trials.
 
     Attributes:
@@ -69,7 +69,7 @@ class Run(NamedTuple):
         return weights
 
 
-def learn(sums: Tensor, model: PublishedModel | None = None, gamma: float | None = None, **options: Any) -> Run:
+def learn(sums: Tensor, model: PublishedModel | None = None, gamma: float | None = None, **options: Any) -> LearningRun:
     """Run the model over sums `[..., T, 10]`, sampling the weights ten times a second.
 
     Args:
@@ -93,7 +93,7 @@ def learn(sums: Tensor, model: PublishedModel | None = None, gamma: float | None
     out = torch.cat(outputs, -2)
     time = torch.arange(out.shape[-2], dtype=torch.float64) * model.dt - model.settle
     ends = torch.arange(1, len(weights) + 1, dtype=torch.float64) * 10 * model.dt - model.settle
-    return Run(model, time, out, ends, torch.stack(weights, -3), state)
+    return LearningRun(model, time, out, ends, torch.stack(weights, -3), state)
 
 
 def owners(weights: Tensor, threshold: float | None = None) -> list[str]:
@@ -102,7 +102,9 @@ def owners(weights: Tensor, threshold: float | None = None) -> list[str]:
     return [FEATURES[k] for k in table.owners.nonzero().flatten().tolist()]
 
 
-def draw_runs(context: Context, runs: dict[str, Run], name: str, title: str, caption: str, until: float = 10.0) -> None:
+def draw_runs(
+    context: Context, runs: dict[str, LearningRun], name: str, title: str, caption: str, until: float = 10.0
+) -> None:
     """A row for each run: its outputs, those of owners bold, until some second; and its simplified weights."""
     rows = [[f"{k}", f"{k} weights"] for k in range(len(runs))]
     figure, axes = panels(rows, 13, 4.7 * len(runs), width_ratios=[1.5, 1])
