@@ -23,7 +23,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import load_map
 from ndtorch.utils.files import save_arrays
 from ndtorch.utils.toml import read_toml
-from ndtorch_robot.commands.drive import Drive
+from ndtorch_robot.commands.drive import DriveArena
 from ndtorch_robot.link.messages import Parser
 from ndtorch_robot.run_config import RunConfig
 
@@ -91,7 +91,7 @@ KINDS: dict[str, tuple[str, Callable[[Path], Any], Callable[[Path], Any]]] = {
     "drive": (
         "drive.toml",
         lambda path: path.write_text('arena = "hallway"\nseed = 3\nseconds = 20.0\n'),
-        lambda path: Drive(config=path).from_files(),
+        lambda path: DriveArena(config=path).from_files(),
     ),
     "barn": ("worlds.json", lambda path: path.write_text(json.dumps(BARN, indent=1)), read_barn),
 }

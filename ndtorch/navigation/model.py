@@ -22,7 +22,7 @@ from ndtorch.navigation.controllers.contract import (
 )
 from ndtorch.navigation.localisation.localiser import Localiser, LocaliserState
 from ndtorch.navigation.mapping.grid_map import GridMap, GridMapState
-from ndtorch.navigation.mapping.observations import AlphaBetaTracker, ObservationList, Observations, Tracks
+from ndtorch.navigation.mapping.observations import AlphaBetaTracker, FeatureTracks, ObservationList, Observations
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.proximity import Obstacles, ProximityCheck
 from ndtorch.navigation.stereo._kernels import Frames, grey_fields
@@ -59,7 +59,7 @@ class NavigatorState(NamedTuple):
     ranges: Ranges
     map: GridMapState | None
     observations: Observations | None
-    tracks: Tracks | None
+    tracks: FeatureTracks | None
     located: LocaliserState | None = None
 
     @property

@@ -75,7 +75,7 @@ class LocalMap(NamedTuple):
         return tuple(np.floor((v - low) / side).astype(int).clip(0, n // coarse - 1) for v, low, n in at)
 
 
-class Plan(NamedTuple):
+class PlannedPath(NamedTuple):
     """A planned path."""
 
     # `[n, 6]`: x, y, heading, curvature driven to there, direction (+1 or -1), and speed, m/s; the first row
@@ -130,7 +130,7 @@ def plan(
     curvature: float = 0.0,
     direction: float = 1.0,
     exploring: bool = False,
-) -> Plan:
+) -> PlannedPath:
     """The path of the next metres towards one of the goals.
 
     Args:
@@ -153,13 +153,13 @@ def plan(
     to_go = dijkstra(cost, goals, side, int(row * cost.shape[1] + column), 2.0 * HORIZON_M + 2.0)
     start = np.array((*pose, curvature, direction), np.float32)
     if not math.isfinite(to_go[row, column]):
-        return Plan(np.append(start, np.float32(0.0))[None], math.inf, to_go)
-    frames = Frame(m.left, m.bottom, m.cell), Frame(m.left, m.bottom, side)
+        return PlannedPath(np.append(start, np.float32(0.0))[None], math.inf, to_go)
+    frames = PathFrame(m.left, m.bottom, m.cell), PathFrame(m.left, m.bottom, side)
     layers, tight = Layers(clear, m.unknown.astype(np.float32), to_go, *frames), p.max_curvature_per_m
     curvatures = np.array((0.0, tight / 2, -tight / 2, tight, -tight), np.float32)
     path = lattice_astar(layers, start, curvatures, p.centers, p.min_clearance_m)
     path = np.column_stack((path, speed_profile(p, path, m, clear))).astype(np.float32)
-    return Plan(path, float(to_go[row, column]), to_go)
+    return PlannedPath(path, float(to_go[row, column]), to_go)
 
 
 def unvisited_costs(p: PlannerParams, m: LocalMap, visited: Bools) -> Floats:
@@ -239,7 +239,7 @@ def pure_pursuit(path: Floats, at: int, pose: Place, lookahead: float, max_curva
     """Pursue a point of the path some distance ahead, on the stretch that has one direction [Coulter 1992].
 
     Args:
-        path: of `Plan`.
+        path: of `PlannedPath`.
         at: index of the point reached before.
         pose: x, y, heading of the car.
         lookahead: distance of the point along the path, m; beyond the end of the stretch straight on.
@@ -308,7 +308,7 @@ def dijkstra(cost: Floats, goal: Floats, cell_m: float, start: int, beyond: floa
     return np.where(to_go > enough, np.float32(np.inf), to_go).reshape(rows, columns)
 
 
-class Frame(NamedTuple):
+class PathFrame(NamedTuple):
     left: float
     bottom: float
     cell: float
@@ -320,12 +320,12 @@ class Layers(NamedTuple):
     clearance: Floats  # distance to obstacles, m, `[rows, columns]`
     unknown: Floats  # 1 where nothing is known
     to_go: Floats  # of `dijkstra`, on coarser cells
-    frame: Frame  # frame, coarse: of these grids
-    coarse: Frame
+    frame: PathFrame  # frame, coarse: of these grids
+    coarse: PathFrame
 
 
 @jit
-def cell_value(grid: Floats, x: float, y: float, frame: Frame) -> float:
+def cell_value(grid: Floats, x: float, y: float, frame: PathFrame) -> float:
     """The value of the cell that holds a point; -1 outside."""
     row, column = math.floor((y - frame.bottom) / frame.cell), math.floor((x - frame.left) / frame.cell)
     inside = 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]
@@ -333,7 +333,9 @@ def cell_value(grid: Floats, x: float, y: float, frame: Frame) -> float:
 
 
 @jit
-def footprint_clearance(clearance: Floats, x: float, y: float, heading: float, centers: Floats, frame: Frame) -> float:
+def footprint_clearance(
+    clearance: Floats, x: float, y: float, heading: float, centers: Floats, frame: PathFrame
+) -> float:
     """The least clearance of the discs of the footprint."""
     cos, sin, least = math.cos(heading), math.sin(heading), 1e9
     for d in centers:

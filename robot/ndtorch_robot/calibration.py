@@ -61,7 +61,7 @@ class Board:
         return grid
 
 
-class View(NamedTuple):
+class BoardView(NamedTuple):
     """Corners of one board in both images, `[n, 2]` pixels each."""
 
     left: Points
@@ -96,7 +96,7 @@ def find_corners(image: Image, board: Board) -> Points | None:
     return np.asarray(cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), criteria), np.float32).reshape(-1, 2)
 
 
-def find_view(left: Image, right: Image, board: Board) -> View | None:
+def find_view(left: Image, right: Image, board: Board) -> BoardView | None:
     """The corners in both images in the same order, or None unless both show the whole board."""
     first = find_corners(left, board)
     second = None if first is None else find_corners(right, board)
@@ -104,10 +104,10 @@ def find_view(left: Image, right: Image, board: Board) -> View | None:
         return None
     # A board looks the same turned by 180 degrees; cameras that look the same way see it the same way up.
     upright = float((first[-1] - first[0]) @ (second[-1] - second[0])) > 0
-    return View(first, second if upright else np.ascontiguousarray(second[::-1]))
+    return BoardView(first, second if upright else np.ascontiguousarray(second[::-1]))
 
 
-def calibrate(views: Sequence[View], board: Board, size: tuple[int, int]) -> tuple[StereoCalibration, Quality]:
+def calibrate(views: Sequence[BoardView], board: Board, size: tuple[int, int]) -> tuple[StereoCalibration, Quality]:
     """The pair of cameras, and how well it fits.
 
     Each camera on its own first, then the motion between them with the cameras held.

@@ -39,7 +39,7 @@ STOP_TIME = 2.0
 
 
 @dataclass
-class Result:
+class DriveResult:
     """A drive as it was."""
 
     config: DriveConfig
@@ -58,7 +58,7 @@ def drive(
     config: DriveConfig,
     observers: Iterable[Observer] = (),
     steer: Callable[[DriveCommand], DriveCommand] | None = None,
-) -> Result:
+) -> DriveResult:
     """Drive through a simulated building; `observers` are told every step, `steer` changes what the controller wants.
 
     Cameras that fail end it with `InputError`, after the car was stopped.
@@ -98,7 +98,7 @@ def drive(
     cells, seconds = runner.map_cells(), time.perf_counter() - began
     summary = summarise(config, car, simulation, record, respawn, cells)
     summary |= {"wall_seconds": round(seconds, 3), "recording": recorder.summary() if recorder is not None else None}
-    return Result(config, summary, record, plan, cells, simulation, runner, path, respawn.stops, interrupted)
+    return DriveResult(config, summary, record, plan, cells, simulation, runner, path, respawn.stops, interrupted)
 
 
 def check_goal(config: DriveConfig, plan: Plan) -> None:

@@ -27,13 +27,13 @@ MAX_LIMITS = {"speed_m_per_s": 5.0, "step_s": 0.12, "frame_age_s": 0.2, "recover
 """Highest values of `[limits]`."""
 
 
-class Table(Strict):
+class ConfigTable(Strict):
     """A table whose keys are described by the docstrings below them."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)
 
 
-class RigTable(Table):
+class RigTable(ConfigTable):
     """`[rig]`: what a calibration of the cameras gives, and where they are; see `ndtorch.navigation.StereoRig`."""
 
     baseline_m: Positive = 0.30
@@ -75,7 +75,7 @@ class NavigationTable(NavigatorOptions):
             raise InputError(f"map_half_size_m must be 0 to 50, got {self.map_half_size_m}")
 
 
-class SimulationTable(Table):
+class SimulationTable(ConfigTable):
     """`[simulation]`: a simulated world in place of cameras and car.
 
     The firmware drives it, in this process, or with `link.kind = "simulated-world"` nothing but the loop.
@@ -89,7 +89,7 @@ class SimulationTable(Table):
     """Disturbances of cameras and car, names or key=number; see `ndtorch drive --help`."""
 
 
-class Ros2Table(Table):
+class Ros2Table(ConfigTable):
     """`[ros2]`: topics for ROS 2 beside the loop."""
 
     domain_id: Annotated[int, Field(ge=0, le=232)] = 0
@@ -98,7 +98,7 @@ class Ros2Table(Table):
     """Address of the other computer; this one alone by default."""
 
 
-class RunConfig(Table):
+class RunConfig(ConfigTable):
     """The file of a robot for `ndtorch run`; `--robot` of other commands reads body, cameras, limits and navigation."""
 
     board_name: Annotated[str, Field(min_length=1, max_length=8)]

@@ -15,7 +15,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Body, StereoRanging, controller_names
 from ndtorch.run.arguments import parse
 from ndtorch_robot.commands import doctor
-from ndtorch_robot.commands.drive import Drive
+from ndtorch_robot.commands.drive import DriveArena
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.run_config import RigTable, RunConfig, read_run_config
@@ -105,12 +105,12 @@ def test_options_of_files_lie_below_those_that_are_given(tmp_path: Path) -> None
         ([str(shared)], ("auto", 3.0, True)),
         ([str(shared), "--localise", "--seconds", "60"], ("auto", 60.0, True)),
     ):
-        command = parse(Drive, "drive", arguments)
+        command = parse(DriveArena, "drive", arguments)
         assert (command.stereo, command.seconds, command.localise) == values
         assert command.robot_config == read_run_config(file)
     shared.write_text("second = 3")
     with pytest.raises(InputError, match=r"unknown key 'second'; did you mean seconds\?"):
-        parse(Drive, "drive", [str(shared)])
+        parse(DriveArena, "drive", [str(shared)])
 
 
 UNIT = ROOT / "robot" / "maxstone8.service"

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from ndtorch_robot.link.messages import Fault
+from ndtorch_robot.link.messages import LinkFault
 from tests.robot.support.bench import LIMIT, NEUTRAL, SLACK, Garage, said
 from tests.robot.support.board_needed import needs_board
 
@@ -80,7 +80,7 @@ def test_line_and_board(garage, command, words, cure):
         assert motor
         assert all(abs(p.width - NEUTRAL) < SLACK for p in motor)  # connected again, and stands until told otherwise
         if command == "stall":
-            assert Fault.WATCHDOG in car.car.drive.heard.faults
+            assert LinkFault.WATCHDOG in car.car.drive.heard.faults
         car.car.safe.resume()
         car.wait_to_move()
         return took

@@ -13,8 +13,8 @@ import pytest
 from ndtorch_robot.link.messages import (
     BODY_SIZE,
     VERSION,
-    Fault,
-    Frame,
+    LinkFault,
+    LinkFrame,
     Parser,
     Type,
     command_body,
@@ -92,7 +92,7 @@ def test_both_sides_mean_the_same():
     assert {k: int(v, 0) for k, v in re.findall(r"(\w+) = (\w+)", re.search(r"enum message \{(.*?)\}", text)[1])} == {
         kind.name: kind.value for kind in Type
     }
-    assert {k: int(v) for k, v in re.findall(r"FAULT_(\w+) = (\d+)", text)} == {f.name: f.value for f in Fault}
+    assert {k: int(v) for k, v in re.findall(r"FAULT_(\w+) = (\d+)", text)} == {f.name: f.value for f in LinkFault}
     assert max(BODY_SIZE.values()) <= int(re.search(r"MAX_BODY (\d+)", text)[1])
 
 
@@ -120,7 +120,7 @@ def line():
 
 def talk(port, *frames):
     """Send frames of these types and bodies."""
-    os.write(port, b"".join(encode_frame(Frame(VERSION, kind, number, body)) for number, kind, body in frames))
+    os.write(port, b"".join(encode_frame(LinkFrame(VERSION, kind, number, body)) for number, kind, body in frames))
 
 
 def telemetry(port, parser):
@@ -169,7 +169,7 @@ def test_a_flood_of_valid_commands_starves_nothing(line):
     board, port = line
     talk(port, (1, Type.HELLO, b""), (2, Type.ARM, b""))
     heard = flood(port, bursts=60)
-    assert not any(Fault.WATCHDOG in told.faults for told in heard)
+    assert not any(LinkFault.WATCHDOG in told.faults for told in heard)
     assert heard[-1].uptime_s >= heard[0].uptime_s
     rear = between(board, 0, "rear")
     assert len(rear) > 10

@@ -93,7 +93,7 @@ class GoalState(NamedTuple):
     explores: bool  # explores, returns: whether exploration and the way home follow
     returns: bool
     frame: Place  # pose of that frame in the frame of dead reckoning
-    path: Array  # `[MAX_POINTS, 6]`, see `Plan`
+    path: Array  # `[MAX_POINTS, 6]`, see `PlannedPath`
     points: int = 0  # points, at: number of its points, and index of the one reached
     at: int = 0
     due: int = 0  # time steps until the next plan

@@ -78,7 +78,7 @@ which a track ends."""
 MIN_AGE_S, MIN_SPEED_M_PER_S = 0.8, 0.2  # age and speed through the world from which on a track is dynamic
 
 
-class Tracks(NamedTuple):
+class FeatureTracks(NamedTuple):
     """State of `AlphaBetaTracker`, K slots."""
 
     place: Tensor  # place, velocity: in the world, m and m/s, `[..., K, 2]`
@@ -114,21 +114,23 @@ class AlphaBetaTracker(nn.Module):
             raise InputError(f"expected alpha and beta above 0 and at most 1, got {alpha} and {beta}")
         self.dt, self.alpha, self.beta, self.slots = dt, alpha, beta, slots
 
-    def forward(self, ranges: Ranges, pose: Pose, state: Tracks | None = None) -> tuple[Tracks, Tracks]:
-        check_state(state, Tracks)
+    def forward(
+        self, ranges: Ranges, pose: Pose, state: FeatureTracks | None = None
+    ) -> tuple[FeatureTracks, FeatureTracks]:
+        check_state(state, FeatureTracks)
         batch = check_observations(ranges, pose)
         check_batch(state, batch, "place", "unseen")
         if state is None:
             blank = ranges.x.new_zeros(*batch, self.slots)
             pairs = ranges.x.new_zeros(*batch, self.slots, 2)
-            state = Tracks(pairs, pairs, blank, blank + math.inf, blank > 0)
+            state = FeatureTracks(pairs, pairs, blank, blank + math.inf, blank > 0)
         x, y = to_world(Pose(*(part.unsqueeze(-1) for part in pose)), ranges.x, ranges.y)
         places = torch.stack((x, y), -1)
         for t in range(pose.x.shape[-1]):
             state = self.step(places[..., t, :, :], ranges.valid[..., t, :], state)
         return state, state
 
-    def step(self, seen: Tensor, valid: Tensor, state: Tracks) -> Tracks:
+    def step(self, seen: Tensor, valid: Tensor, state: FeatureTracks) -> FeatureTracks:
         """One step of all tracks, with places seen `[..., n, 2]` in the world. [A §3]
 
         Since places are in the world, the car's own motion is already taken out: the predicted velocity of
@@ -168,4 +170,4 @@ class AlphaBetaTracker(nn.Module):
 
         fast = torch.linalg.vector_norm(velocity, dim=-1) > MIN_SPEED_M_PER_S
         dynamic = fast & (age >= MIN_AGE_S) & (unseen <= MAX_LOST_S)
-        return Tracks(place, velocity, age, unseen, dynamic)
+        return FeatureTracks(place, velocity, age, unseen, dynamic)

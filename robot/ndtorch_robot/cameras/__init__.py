@@ -1,12 +1,12 @@
 """Two USB cameras, or files and streams in their place: opening, reading in threads, pairing by time."""
 
-from ndtorch_robot.cameras.pair import CamerasSilent, Frame, Pairing, StereoCameras, open_cameras
+from ndtorch_robot.cameras.pair import CameraFrame, CamerasSilent, Pairing, StereoCameras, open_cameras
 from ndtorch_robot.cameras.source import CameraSettings, find_source, list_devices, open_capture
 
 __all__ = [
+    "CameraFrame",
     "CameraSettings",
     "CamerasSilent",
-    "Frame",
     "Pairing",
     "StereoCameras",
     "find_source",

@@ -37,18 +37,18 @@ class CamerasSilent(InputError):
     """No pair of frames came in time. Reading may be tried again: cameras come back."""
 
 
-class Frame(NamedTuple):
+class CameraFrame(NamedTuple):
     """One image of one camera, as OpenCV gives it, and when it was taken, s on the monotonic clock."""
 
     image: Image
     time: float
 
 
-class Pair(NamedTuple):
+class FramePair(NamedTuple):
     """Two frames of one moment."""
 
-    left: Frame
-    right: Frame
+    left: CameraFrame
+    right: CameraFrame
 
     @property
     def time(self) -> float:
@@ -73,12 +73,12 @@ class Pairing:
 
     def __init__(self, tolerance: float) -> None:
         self.tolerance = tolerance
-        self.newest: list[Frame | None] = [None, None]
+        self.newest: list[CameraFrame | None] = [None, None]
         self.free = [False, False]
         self.unpaired = [0, 0]
         self.skews: deque[float] = deque(maxlen=KEPT)
 
-    def add(self, side: int, frame: Frame) -> Pair | None:
+    def add(self, side: int, frame: CameraFrame) -> FramePair | None:
         """A new frame of camera `side` (0 left, 1 right); returns the pair it makes, if it does."""
         self.unpaired[side] += self.free[side]
         self.newest[side], self.free[side] = frame, True
@@ -86,7 +86,7 @@ class Pairing:
         if other is None or not self.free[1 - side] or abs(frame.time - other.time) > self.tolerance:
             return None
         self.free = [False, False]
-        pair = Pair(frame, other) if side == 0 else Pair(other, frame)
+        pair = FramePair(frame, other) if side == 0 else FramePair(other, frame)
         self.skews.append(pair.right.time - pair.left.time)
         return pair
 
@@ -105,7 +105,7 @@ class CameraReader:
     """
 
     def __init__(
-        self, source: Source, settings: CameraSettings, opener: Opener, deliver: Callable[[Frame], None]
+        self, source: Source, settings: CameraSettings, opener: Opener, deliver: Callable[[CameraFrame], None]
     ) -> None:
         self.source, self.settings, self.opener, self.deliver = source, settings, opener, deliver
         self.capture: Capture | None = opener(source, settings)
@@ -132,7 +132,7 @@ class CameraReader:
         if not good or image is None:
             return False
         self.trouble = ""
-        self.deliver(Frame(image, taken))
+        self.deliver(CameraFrame(image, taken))
         return True
 
     def reopen(self) -> None:
@@ -186,7 +186,7 @@ class StereoCameras(Closing):
         if sources[0].target == sources[1].target:
             raise InputError(f"left and right are the same camera, {settings.left}")
         self.changed, self.pairing = threading.Condition(), Pairing(settings.tolerance_ms / 1e3)
-        self.pair: Pair | None = None
+        self.pair: FramePair | None = None
         self.readers: list[CameraReader] = []
         try:
             for side, source in enumerate(sources):
@@ -209,7 +209,7 @@ class StereoCameras(Closing):
         hint = "; a USB 2 bus often has no room for two cameras: see docs/robot/cameras.md" if side == 1 else ""
         raise InputError(f"the {SIDES[side]} camera ({reader.source.name}) opens but gives no frame ({why}){hint}")
 
-    def add(self, side: int, frame: Frame) -> None:
+    def add(self, side: int, frame: CameraFrame) -> None:
         with self.changed:
             pair = self.pairing.add(side, frame)
             self.pair = pair or self.pair
@@ -227,7 +227,7 @@ class StereoCameras(Closing):
             return StereoFrames(*self.rectify.strips(pair.left.image, pair.right.image), pair.time)
         return StereoFrames(to_tensor(pair.left.image), to_tensor(pair.right.image), pair.time)
 
-    def read_pair(self) -> Pair:
+    def read_pair(self) -> FramePair:
         limit, began = self.settings.max_age_ms / 1e3, time.monotonic()
         with self.changed:
             while True:

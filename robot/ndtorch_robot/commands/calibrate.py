@@ -62,12 +62,12 @@ class Calibrate:
         import numpy as np
 
         from ndtorch.run.folder import new_file
-        from ndtorch_robot.calibration import Board, View, calibrate, find_view, write_calibration
+        from ndtorch_robot.calibration import Board, BoardView, calibrate, find_view, write_calibration
 
         new_file(self.out, self.force)
         if self.views < 1:
             raise InputError(f"--views must be 1 or more, got {self.views}")
-        board, views, pairs = Board(self.columns, self.rows, self.square_mm / 1000), list[View](), 0
+        board, views, pairs = Board(self.columns, self.rows, self.square_mm / 1000), list[BoardView](), 0
         live, size = not (Path(self.left).is_dir() or Path(self.right).is_dir()), (0, 0)
         with contextlib.suppress(KeyboardInterrupt):
             for left, right in self.live_pairs() if live else self.folder_pairs():

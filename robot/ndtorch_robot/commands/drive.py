@@ -14,7 +14,7 @@ from ndtorch.cli.command_run import INCOMPLETE, INTERRUPTED
 from ndtorch_robot.config import DriveConfig
 
 if TYPE_CHECKING:
-    from ndtorch_robot.drive import Result
+    from ndtorch_robot.drive import DriveResult
     from ndtorch_robot.ports import Step
 
 CAPTIONS = {
@@ -24,7 +24,7 @@ CAPTIONS = {
 
 
 @dataclass(frozen=True)
-class Drive(DriveConfig):
+class DriveArena(DriveConfig):
     """Drive through a simulated building, steering and mapping by sight.
 
     Shows the progress and a summary, and writes report.html with all pictures, summary.json, path.png, map.png,
@@ -80,7 +80,7 @@ class Drive(DriveConfig):
         return INTERRUPTED if result.interrupted else INCOMPLETE if any(troubles) else 0
 
 
-def write_results(result: Result, folder: Path) -> None:
+def write_results(result: DriveResult, folder: Path) -> None:
     from ndtorch.report.page import Page, Shown, command_line, versions
     from ndtorch.report.plots import save
     from ndtorch_robot.drive import FACTS
@@ -98,7 +98,7 @@ def write_results(result: Result, folder: Path) -> None:
     Page(f"A drive: {title}", [line.strip() for line in answer], command_line(), facts, (), shown).write(folder)
 
 
-def describe(result: Result) -> str:
+def describe(result: DriveResult) -> str:
     s, times = result.summary, result.summary["step_ms"]
     kinds = {"precision": "of its mass at true edges", "surfaces": "at any surface", "recall": "of the visible edges"}
     scores = [f"{100 * s['map'][key]:.0f} % {words}" for key, words in kinds.items() if s["map"][key] is not None]

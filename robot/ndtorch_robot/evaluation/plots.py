@@ -9,7 +9,7 @@ import numpy as np
 
 from ndtorch.navigation import REVERSE, TURN, Grid
 from ndtorch.report.plots import DPI
-from ndtorch_robot.drive import Result
+from ndtorch_robot.drive import DriveResult
 from ndtorch_robot.sim.plan import Floats, Plan
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def plan_axes(plan: Plan, title: str, faint: bool = False) -> tuple[Figure, Axes
     return figure, axes
 
 
-def path_plot(result: Result) -> Figure:
+def path_plot(result: DriveResult) -> Figure:
     """The true path over the true plan, with turns, collisions and stops."""
     record, hits, s = result.record, result.simulation.collisions, result.summary
     title = f"{s['arena']}, seed {s['seed']}, {s['controller']}: {s['distance_m']:.0f} m "
@@ -85,7 +85,7 @@ def path_plot(result: Result) -> Figure:
     return figure
 
 
-def map_plot(result: Result) -> Figure:
+def map_plot(result: DriveResult) -> Figure:
     """The map in red over the true plan: the darker, the more certain."""
     score = {key: value for key, value in result.summary["map"].items() if value is not None}
     figure, axes = plan_axes(result.plan, "map: " + ", ".join(f"{k} {v:.2f}" for k, v in score.items()), faint=True)

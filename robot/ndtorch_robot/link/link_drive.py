@@ -12,8 +12,8 @@ from typing import Any, Protocol
 
 from ndtorch_robot.link.messages import (
     VERSION,
-    Fault,
-    Frame,
+    LinkFault,
+    LinkFrame,
     Parser,
     Telemetry,
     Type,
@@ -131,7 +131,7 @@ class LinkDrive(Drive):
             if self.port is None:
                 return False
             self.sequence = self.sequence + 1 & 0xFFFF
-            data = encode_frame(Frame(VERSION, kind, self.sequence, body))
+            data = encode_frame(LinkFrame(VERSION, kind, self.sequence, body))
             if kind == Type.HELLO:
                 data = b"\0" + data  # ends whatever the board has half of
             if kind == Type.HEARTBEAT:
@@ -190,7 +190,7 @@ class LinkDrive(Drive):
         if self.noise > NOISE_LIMIT and not self.standing:
             self.disarm("bad line: many frames from the board are refused")
 
-    def on_welcome(self, frame: Frame) -> None:
+    def on_welcome(self, frame: LinkFrame) -> None:
         name = board_name(frame.body)
         if self.board_name is not None and name != self.board_name:
             self.refusal = f"the board is that of the robot {name!r}, the configuration is for {self.board_name!r}"
@@ -202,7 +202,7 @@ class LinkDrive(Drive):
         if again:
             self.report("link: connected again; the car stands until it is resumed")
 
-    def on_telemetry(self, frame: Frame) -> None:
+    def on_telemetry(self, frame: LinkFrame) -> None:
         if not 0 < (frame.sequence - self.received) & 0xFFFF < 0x8000:  # repeated, or older than the last
             self.parser.refused += 1
             return
@@ -213,10 +213,10 @@ class LinkDrive(Drive):
         sent = self.beats.pop(telemetry.echo, None)
         if sent is not None:
             self.trips.append(now - sent)
-        new = telemetry.faults & ~(before.faults if before is not None else Fault(0))
-        if Fault.BATTERY in new:
+        new = telemetry.faults & ~(before.faults if before is not None else LinkFault(0))
+        if LinkFault.BATTERY in new:
             self.report(f"link: battery low, {telemetry.battery_v:.1f} V")
-        if Fault.WATCHDOG in new:
+        if LinkFault.WATCHDOG in new:
             self.report("link: the board was reset by its watchdog timer")
         if self.standing:
             return

@@ -45,7 +45,7 @@ BODY_SIZE = dict.fromkeys(Type, 0) | {
 }
 
 
-class Fault(IntFlag):
+class LinkFault(IntFlag):
     """Why the board has stopped the wheels; with `BATTERY` it drives on, but slower."""
 
     COMMAND = 1
@@ -59,18 +59,18 @@ class Fault(IntFlag):
 
 
 WORDS = {
-    Fault.COMMAND: "no command for 0.2 s",
-    Fault.HEARTBEAT: "no heartbeat for 0.15 s",
-    Fault.VERSION: "a frame of another protocol version",
-    Fault.NOISE: "too many refused frames",
-    Fault.BATTERY: "battery low",
-    Fault.EMPTY: "battery empty",
-    Fault.WATCHDOG: "reset by its watchdog timer",
-    Fault.STOPPED: "told to stop",
+    LinkFault.COMMAND: "no command for 0.2 s",
+    LinkFault.HEARTBEAT: "no heartbeat for 0.15 s",
+    LinkFault.VERSION: "a frame of another protocol version",
+    LinkFault.NOISE: "too many refused frames",
+    LinkFault.BATTERY: "battery low",
+    LinkFault.EMPTY: "battery empty",
+    LinkFault.WATCHDOG: "reset by its watchdog timer",
+    LinkFault.STOPPED: "told to stop",
 }
 
 
-class Frame(NamedTuple):
+class LinkFrame(NamedTuple):
     """One message: protocol version, type, sequence number and body."""
 
     version: int
@@ -84,7 +84,7 @@ class Telemetry(NamedTuple):
 
     echo: int  # sequence number of the last heartbeat received
     armed: bool  # whether it obeys commands
-    faults: Fault  # why it does not
+    faults: LinkFault  # why it does not
     applied: DriveCommand  # speed after the ramp, and curvature, that the pulses mean
     battery_v: float  # 0 when it is not measured
     motor_us: int
@@ -94,7 +94,7 @@ class Telemetry(NamedTuple):
     uptime_s: int  # modulo 65536
 
     def words(self) -> list[str]:
-        return [WORDS[fault] for fault in Fault if fault in self.faults]
+        return [WORDS[fault] for fault in LinkFault if fault in self.faults]
 
     def values(self) -> dict[str, Any]:
         """All but the echo for JSON, units in the keys."""
@@ -104,7 +104,7 @@ class Telemetry(NamedTuple):
         return values | {"faults": self.words(), "applied_m_per_s": speed, "applied_per_m": curvature}
 
 
-def encode_frame(frame: Frame) -> bytes:
+def encode_frame(frame: LinkFrame) -> bytes:
     """A frame as it goes over the line, ending with a zero byte."""
     checked = HEADER.pack(frame.version, frame.type, frame.sequence & 0xFFFF) + frame.body
     return bytes(cobs.encode(checked + checksums(checked))) + b"\0"
@@ -115,7 +115,7 @@ def checksums(data: bytes) -> bytes:
     return CHECKS.pack(crc16.ibm_3740(data), crc16.dnp(data))
 
 
-def decode_frame(coded: bytes) -> Frame | None:
+def decode_frame(coded: bytes) -> LinkFrame | None:
     """A frame without its zero byte; None when there is an error in it. The version is not looked at."""
     try:
         data = bytes(cobs.decode(coded))
@@ -125,7 +125,7 @@ def decode_frame(coded: bytes) -> Frame | None:
     if len(checked) < HEADER.size or checks != checksums(checked):
         return None
     version, kind, sequence = HEADER.unpack_from(checked)
-    return Frame(version, kind, sequence, checked[HEADER.size :])
+    return LinkFrame(version, kind, sequence, checked[HEADER.size :])
 
 
 def quantised(command: DriveCommand) -> DriveCommand:
@@ -146,7 +146,7 @@ def board_name(body: bytes) -> str:
 def read_telemetry(body: bytes) -> Telemetry:
     echo, armed, faults, speed, curvature, battery, *rest = TELEMETRY_BODY.unpack(body)
     applied = DriveCommand(speed / 1000, curvature / 1000)
-    return Telemetry(echo, armed == 1, Fault(faults), applied, battery / 1000, *rest)
+    return Telemetry(echo, armed == 1, LinkFault(faults), applied, battery / 1000, *rest)
 
 
 class Parser:
@@ -163,7 +163,7 @@ class Parser:
         self.refused = self.received = 0
         self.other_version: int | None = None
 
-    def feed(self, data: bytes) -> list[Frame]:
+    def feed(self, data: bytes) -> list[LinkFrame]:
         """The frames that end in these bytes."""
         self.received += len(data)
         frames = []

@@ -60,7 +60,7 @@ class CarLimits(NamedTuple):
         return cls(body.max_speed_m_per_s, tightest, body.max_acceleration_m_per_s2, steering)
 
 
-class Car:
+class SimulatedCar:
     """Where the car is and what it does. Pose: x, y in m and heading in radians of the middle of its body.
 
     Commands take effect after `delay` seconds.
@@ -226,7 +226,7 @@ class Simulation(Drive):
         self.effects = Effects(self.disturbances, np.random.default_rng((seed, 300)))
         # The steering takes what the car of [A] needs to react.
         delay = self.disturbances.delay_s + max(0.0, self.body.reaction_s - BODY.reaction_s)
-        self.car = Car(CarLimits.of(self.body), delay)
+        self.car = SimulatedCar(CarLimits.of(self.body), delay)
         self.steps = 0
         self.collisions: list[Collision] = []
         self.placed: Placed = None

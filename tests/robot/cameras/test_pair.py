@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
-from ndtorch_robot.cameras import CameraSettings, CamerasSilent, Frame, Pairing, StereoCameras
+from ndtorch_robot.cameras import CameraFrame, CameraSettings, CamerasSilent, Pairing, StereoCameras
 from ndtorch_robot.cameras import pair as pair_module
 from tests.robot.support.fake_captures import LiveCapture, picture
 
@@ -36,7 +36,7 @@ def test_pairing_uses_no_frame_twice(steps, tolerance):
     pairing, clocks, pairs = Pairing(tolerance / 1000), [0, 0], []
     for side, gap in steps:
         clocks[side] += 1 + gap
-        made = pairing.add(side, Frame(None, clocks[side] / 1000))
+        made = pairing.add(side, CameraFrame(None, clocks[side] / 1000))
         pairs += [made] if made else []
     for side in (0, 1):
         times = [pair[side].time for pair in pairs]

@@ -15,8 +15,8 @@ from ndtorch_robot.link import LINKS, Opening, link, open_link
 from ndtorch_robot.link.link_drive import LinkDrive
 from ndtorch_robot.link.messages import (
     BODY_SIZE,
-    Fault,
-    Frame,
+    LinkFault,
+    LinkFrame,
     Parser,
     Type,
     command_body,
@@ -34,7 +34,7 @@ from tests.robot.support.peer import Peer, board
 
 FRAMES = st.sampled_from(list(Type)).flatmap(
     lambda kind: st.builds(
-        Frame,
+        LinkFrame,
         st.just(1),
         st.just(int(kind)),
         st.integers(0, 65535),
@@ -44,8 +44,8 @@ FRAMES = st.sampled_from(list(Type)).flatmap(
 
 
 def test_frames_as_they_go_over_the_line():
-    assert encode_frame(Frame(1, Type.HELLO, 0)).hex() == "030101010544c5af2400"
-    command = Frame(1, Type.COMMAND, 65535, command_body(DriveCommand(0.5, -2.0)))
+    assert encode_frame(LinkFrame(1, Type.HELLO, 0)).hex() == "030101010544c5af2400"
+    command = LinkFrame(1, Type.COMMAND, 65535, command_body(DriveCommand(0.5, -2.0)))
     assert encode_frame(command).hex() == "0d0103fffff40130f871a9d1f300"
     assert command_body(DriveCommand(0.5, -2.0)) == bytes([0xF4, 0x01, 0x30, 0xF8])
     assert command_body(DriveCommand(-1.0, 0.001)) == struct.pack("<hh", -1000, 1)
@@ -97,12 +97,12 @@ def test_nothing_that_was_not_sent(frames, data):
 
 def test_other_versions_and_overlong_frames_are_not_read():
     parser = Parser()
-    assert parser.feed(encode_frame(Frame(7, 3, 1, b"whatever"))) == []
+    assert parser.feed(encode_frame(LinkFrame(7, 3, 1, b"whatever"))) == []
     assert (parser.other_version, parser.refused) == (7, 0)
     assert parser.feed(b"\x07" * 1000) == []
     assert parser.feed(b"\0") == []
     assert parser.refused == 1
-    frame = Frame(1, Type.STOP, 1)
+    frame = LinkFrame(1, Type.STOP, 1)
     assert parser.feed(encode_frame(frame)) == [frame]
 
 
@@ -142,12 +142,12 @@ class Known:
 
     def welcome(self):
         body = struct.pack("<H8s", 1, b"maxston8")
-        self.drive.handle(encode_frame(Frame(1, Type.WELCOME, self.sequence, body)))
+        self.drive.handle(encode_frame(LinkFrame(1, Type.WELCOME, self.sequence, body)))
 
     def tell(self, armed=True, faults=0, echo=7):
         self.sequence += 1
         body = struct.pack("<HBBhhHHHHHH", echo, armed, int(faults), 500, 100, 7400, 1500, 1500, 1500, 0, 3)
-        self.drive.handle(encode_frame(Frame(1, Type.TELEMETRY, self.sequence, body)))
+        self.drive.handle(encode_frame(LinkFrame(1, Type.TELEMETRY, self.sequence, body)))
 
     def send(self, made):
         return self.drive.send(SafeCommand(DriveCommand(0.5, 0.1), made, _SEAL))
@@ -238,7 +238,7 @@ def test_a_board_that_stands_is_believed_once_it_must_know_that_it_may_drive():
     assert car.wire.sent() == [Type.STOP]
     car = Known()
     car.time = 10.2
-    car.tell(armed=False, faults=Fault.NOISE)
+    car.tell(armed=False, faults=LinkFault.NOISE)
     assert car.drive.trouble() == "the board has stopped: too many refused frames"
     assert car.wire.sent() == []
 

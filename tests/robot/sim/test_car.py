@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_robot.link.messages import Frame, Parser, Type, encode_frame, read_telemetry
+from ndtorch_robot.link.messages import LinkFrame, Parser, Type, encode_frame, read_telemetry
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost
-from ndtorch_robot.sim.simulation import Car, CarLimits, Simulation
+from ndtorch_robot.sim.simulation import CarLimits, SimulatedCar, Simulation
 
 
 def drive(car, seconds, dt=1 / 120):
@@ -24,13 +24,13 @@ def drive(car, seconds, dt=1 / 120):
 
 
 def test_returns_what_was_sent():
-    car = Car()
+    car = SimulatedCar()
     assert car.send(DriveCommand(0.5, 1.0)) == (0.5, 1.0)
     assert car.send(DriveCommand(9.0, -9.0)) == (car.limits.speed, -car.limits.curvature)
 
 
 def test_circle():
-    car = Car(CarLimits(acceleration=1e9, steering=1e9))
+    car = SimulatedCar(CarLimits(acceleration=1e9, steering=1e9))
     car.send(DriveCommand(0.5, 2.0))
     drive(car, 2 * math.pi * 0.5 / 0.5, dt=2 * math.pi / 1000)
     assert (car.x, car.y) == pytest.approx((0.0, 0.0), abs=1e-9)
@@ -38,7 +38,7 @@ def test_circle():
 
 
 def test_rate_limits():
-    car = Car()
+    car = SimulatedCar()
     car.send(DriveCommand(0.5, 1.0))
     drive(car, 0.1)
     assert car.speed == pytest.approx(0.25)
@@ -48,7 +48,7 @@ def test_rate_limits():
 
 
 def test_odometer():
-    car = Car()
+    car = SimulatedCar()
     assert car.driven() == (0.0, 0.0)
     car.send(DriveCommand(0.5, 1.0))
     drive(car, 0.5)
@@ -61,14 +61,14 @@ def test_odometer():
 
 def test_bad_commands():
     with pytest.raises(InputError, match="finite"):
-        Car().send(DriveCommand(math.nan, 0.0))
+        SimulatedCar().send(DriveCommand(math.nan, 0.0))
 
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
 
 
 def speak(board, numbers, now, *kinds):
-    return board.run(now, b"".join(encode_frame(Frame(1, kind, next(numbers), body)) for kind, body in kinds))
+    return board.run(now, b"".join(encode_frame(LinkFrame(1, kind, next(numbers), body)) for kind, body in kinds))
 
 
 @needs_compiler

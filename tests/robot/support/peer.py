@@ -5,7 +5,7 @@ import pty
 import threading
 import tty
 
-from ndtorch_robot.link.messages import Frame, Parser, Type, encode_frame
+from ndtorch_robot.link.messages import LinkFrame, Parser, Type, encode_frame
 
 
 class Peer:
@@ -29,7 +29,7 @@ class Peer:
             for frame in parser.feed(data):
                 for version, kind, body in self.answer(frame):
                     sequence += 1
-                    os.write(self.end, encode_frame(Frame(version, kind, sequence, body)))
+                    os.write(self.end, encode_frame(LinkFrame(version, kind, sequence, body)))
 
     def close(self):
         self.going = False
