@@ -103,7 +103,7 @@ def low_pass(x: Tensor, low: Tensor | None, tau: Seconds, dt: Seconds, dim: int)
     On a CPU a loop over time moves the fewest bytes. What is compiled or exported, or on a GPU, is done in blocks: the
     number of operations does not grow with time.
     """
-    a = ratio(tau, dt)
+    a = dt / ((tau.clamp_min(0) if isinstance(tau, Tensor) else tau) + dt)
     if isinstance(a, Tensor):
         a = a.to(x.dtype)
     low = x.select(dim, 0) if low is None else low

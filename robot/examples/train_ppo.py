@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from ndtorch.navigation import Command, Navigator
 from ndtorch_robot.gym import register, strips_of
-from ndtorch_robot.navigator_runner import nearest_by_sector, seen_obstacles
+from ndtorch_robot.navigator_runner import seen_obstacles
 from ndtorch_robot.sim.simulation import RIG
 
 ENVIRONMENT, TRAINING, UNSEEN = "ndtorch/Loop-v0", range(8), (1000, 1001, 1002)
@@ -41,8 +41,10 @@ class Sectors(gymnasium.Wrapper):
         with torch.inference_mode():
             self.command, self.state = self.navigator(*strips_of(strips), self.state, driven)
         obstacles = seen_obstacles(self.state, self.navigator)
-        near = 1 / nearest_by_sector(obstacles.x, obstacles.y, SECTORS).clip(1 / 3)
-        return np.concatenate((near, info["driven"])).astype(np.float32)
+        sectors = np.rint(np.arctan2(obstacles.y, obstacles.x) * (SECTORS / (2 * np.pi))).astype(int) % SECTORS
+        nearest = np.full(SECTORS, np.inf)
+        np.minimum.at(nearest, sectors, np.hypot(obstacles.x, obstacles.y).clip(1 / 3))
+        return np.concatenate((1 / nearest, info["driven"])).astype(np.float32)
 
     def reset(self, **given) -> tuple[np.ndarray, dict]:
         self.state = None
