@@ -22,7 +22,7 @@ SEEDS = (1000, 1001, 1002)
 class Evaluate(DriveConfig):
     """Drive many times, in parallel, and put the results into one table.
 
-    Writes table.md and drives.jsonl, and keeps every finished drive in DIR/drives:
+    Writes table.md, report.html and drives.jsonl, and keeps every finished drive in DIR/drives:
     killed and started again it goes on where it was, and drives of the same options and code are not driven again.
     Ctrl-C keeps what is finished.
     """
@@ -45,6 +45,8 @@ class Evaluate(DriveConfig):
     """Folder of the results."""
     json: bool = False
     """Print the rows of the table as JSON."""
+    open: bool = False
+    """Show report.html in the browser when it is written."""
     arena: Annotated[str, tyro.conf.Suppress] = ""
     seed: Annotated[int, tyro.conf.Suppress] = 0
     controller: Annotated[str, tyro.conf.Suppress] = "ranging"
@@ -54,9 +56,10 @@ class Evaluate(DriveConfig):
     view: Annotated[str, tyro.conf.Suppress] = ""
 
     def run(self) -> int:
+        from ndtorch.report.page import NAME, Page, Table, command_line, open_in_browser, versions
         from ndtorch.utils.files import write_text
         from ndtorch_robot.evaluation.drives import drive_many, drive_once, key_of
-        from ndtorch_robot.evaluation.table import markdown, table_of
+        from ndtorch_robot.evaluation.table import markdown, table_of, text_cells
 
         drives = self.drives()
         results, exit_code = drive_many(drive_once, drives, key_of, self.seconds, self.out, self.jobs)
@@ -70,8 +73,14 @@ class Evaluate(DriveConfig):
         table = table_of(results)
         text = markdown(table, note)
         write_text(self.out / "table.md", text)
-        written = f"written to {self.out}: table.md drives.jsonl"
+        hours, hits = table["simulated hours"].sum(), sum(result["collisions"] for result in results)
+        answer = [f"{len(results)} drives, {hours:.2f} simulated hours, {hits} collisions.", note]
+        tables = [Table("All drives together", list(table), text_cells(table))]
+        Page("Many drives", answer, command_line(), versions("ndtorch-robot"), tables).write(self.out)
+        written = f"written to {self.out}: table.md drives.jsonl report.html"
         print(table.to_json(orient="records") if self.json else f"{text}\n{written}")
+        if self.open:
+            open_in_browser(self.out / NAME)
         return exit_code
 
     def drives(self) -> dict[str, DriveConfig]:

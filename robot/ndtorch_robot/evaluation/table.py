@@ -48,15 +48,19 @@ def table_of(summaries: Sequence[dict[str, Any]]) -> pd.DataFrame:
     return table.loc[:, (table.notna() & (table != "")).any()]
 
 
-def markdown(table: pd.DataFrame, note: str) -> str:
-    """The table in Markdown, with a line below it that says how it was made."""
+def text_cells(table: pd.DataFrame) -> list[list[str]]:
+    """The rows of the table as text."""
 
     def cell(name: str, value: Any) -> str:
         if name in WORDS or pd.isna(value):
             return str(value) if name in WORDS and value else "-"
         return FORMS.get(name, "{:.0f}" if name.endswith("%") else "{:.1f}").format(value)
 
-    rows = [list(table), *([cell(*pair) for pair in row.items()] for row in table.to_dict("records"))]
-    lines = [f"| {' | '.join(row)} |" for row in rows]
+    return [[cell(*pair) for pair in row.items()] for row in table.to_dict("records")]
+
+
+def markdown(table: pd.DataFrame, note: str) -> str:
+    """The table in Markdown, with a line below it that says how it was made."""
+    lines = [f"| {' | '.join(row)} |" for row in (list(table), *text_cells(table))]
     rule = "|".join("---" if name in WORDS else "---:" for name in table)
     return "\n".join([lines[0], f"|{rule}|", *lines[1:], "", note, ""])
