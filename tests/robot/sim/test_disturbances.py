@@ -11,7 +11,7 @@ from ndtorch.navigation import Strips
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.sim.disturbances import PRESETS, Disturbances, Effects, read_disturbances
 from ndtorch_robot.sim.plan import Plan, ring
-from ndtorch_robot.sim.simulation import RIG, Car, Simulation
+from ndtorch_robot.sim.simulation import RIG, SimulatedCar, Simulation
 
 
 def effects(**numbers):
@@ -63,7 +63,7 @@ def test_timing():
 
 
 def test_delay_and_odometer():
-    car = Car(delay=0.15)
+    car = SimulatedCar(delay=0.15)
     car.send(DriveCommand(0.5, 0.0), 0.0)
     car.send(DriveCommand(0.4, 0.0), 0.05)
     wanted = []
