@@ -263,7 +263,7 @@ class InhibitoryNetwork(nn.Module):
         state = self.start(inputs.select(time, 0)) if state is None else state
         drive, input_low = inputs, state.input_low
         if self.tau_in != math.inf:
-            lows, input_low = low_pass(inputs, input_low, self.tau_in, self.dt, time)
+            lows, input_low = low_pass(inputs, input_low, self.tau_in, self.dt, time, blocks=False)
             drive = inputs - lows
         delayed = self.feedback == "delayed"
         out, after, shifts = self._delayed(drive, state) if delayed else self._settled(drive, state)
@@ -436,5 +436,7 @@ class InhibitoryNetwork(nn.Module):
         out, time = out.detach(), self.time
         before = torch.cat([state.outputs.detach().unsqueeze(time), out.narrow(time, 0, out.shape[time] - 1)], time)
         mean = torch.cat([state.power, state.roughness], -1)
-        _, mean = low_pass(torch.cat([out, out - before], -1).square(), mean, self.tau_rough, self.dt, time)
+        _, mean = low_pass(
+            torch.cat([out, out - before], -1).square(), mean, self.tau_rough, self.dt, time, blocks=False
+        )
         return mean[..., : self.neurons], mean[..., self.neurons :]

@@ -47,6 +47,7 @@ SWEEPS = 12  # Rounds of rotations of the joint diagonalisation.
 ALIKE = 0.003  # Difference of two sources' profiles of covariance below which delays do not separate them.
 OPPOSED = 0.65  # Motion of a source against its largest, over that, from which on it is two in step.
 NEARLY = 0.3  # Residual of motion over its limit from which on a single color may be two sources.
+EXPLAINED = 0.1  # The same of three colors, which may be four sources.
 ABSENT, EXTREME = 0.003, 3.0  # Power of changes in a second, over the mean, of sources that leave or enter.
 DOUBTFUL = 4  # Seconds after that in which a number is not certain.
 MOST = 4  # Largest number of sources: three colors and one more.
@@ -58,7 +59,7 @@ WEIGHTS = (-3.02, 3.34, 1.55, 4.32, 1.38, -0.69, 1.13)
 class SourceParams(Constants):
     """Constants of the number of sources."""
 
-    duration: float = constant(10.0, "Seconds of signals in which motion and features are looked at.", gt=0, le=60)
+    duration: float = constant(14.0, "Seconds of signals in which motion and features are looked at.", gt=0, le=60)
     recent: float = constant(5.0, "Seconds of signals in which colors are counted.", gt=0, le=60)
     tau_high: float = constant(0.7, "High-pass of the sums, seconds.", gt=0)
     lag: float = constant(0.1, "Largest lag of the covariances, seconds.", gt=0, le=1)
@@ -160,7 +161,9 @@ class SourceEstimator(nn.Module):
         ways = mixing[:, MOTION].abs().view(-1, 2, 2)
         opposed = difference > ALIKE and bool((ways.amin(-1).amax(-1) > OPPOSED * ways.amax((-1, -2))).any())
         more = (residual > 1 or (opposed and colors == 1)) and not lit and colors > 0
-        alike = (residual > NEARLY if colors == 1 else opposed and colors == 2) and not more and not lit
+        # A single color may be two sources, three colors may be four sources or a textured ground.
+        alike = opposed if colors == 2 else residual > (NEARLY if colors == 1 else EXPLAINED)
+        alike = ((alike and not lit) or (lit and colors == 3)) and not more
         decades = float(ratios.clamp_min(1e-9).log10().abs().min().clamp_max(CLEAR))
         moved = 0.0 if more or lit else min(CLEAR, abs(math.log10(max(residual, 1e-9))))
         return colors + more, level.new_tensor([decades, moved, more, lit, alike or self.changing(recent, colors)])

@@ -97,19 +97,21 @@ BLOCK = 64
 """Samples that a filter takes by one product of matrices, where it is compiled, exported or on a GPU."""
 
 
-def low_pass(x: Tensor, low: Tensor | None, tau: Seconds, dt: Seconds, dim: int) -> tuple[Tensor, Tensor]:
+def low_pass(
+    x: Tensor, low: Tensor | None, tau: Seconds, dt: Seconds, dim: int, blocks: bool = True
+) -> tuple[Tensor, Tensor]:
     """Low-passed samples like `x`, along `dim`, and the last of them; the state `low` defaults to the first sample.
 
     On a CPU a loop over time moves the fewest bytes. What is compiled or exported, or on a GPU, is done in blocks: the
-    number of operations does not grow with time.
+    number of operations does not grow with time. Networks, which are loops over time anyway, ask for no blocks.
     """
     a = dt / ((tau.clamp_min(0) if isinstance(tau, Tensor) else tau) + dt)
     if isinstance(a, Tensor):
         a = a.to(x.dtype)
     low = x.select(dim, 0) if low is None else low
     out: list[Tensor] = []
-    many = x.shape[dim] > 1 and not (isinstance(a, Tensor) and a.ndim)
-    if many and (torch.compiler.is_compiling() or x.is_cuda):
+    blocks = blocks and x.shape[dim] > 1 and not (isinstance(a, Tensor) and a.ndim)
+    if blocks and (torch.compiler.is_compiling() or x.is_cuda):
         for block in torch.split(x, BLOCK, dim):
             out.append(low_pass_block(block, low, a, dim))
             low = out[-1].select(dim, -1)
