@@ -11,9 +11,8 @@ N being the covariance of second differences over 6, which is the noise that a s
 
 Sources of one hue, and a fourth one, add no rank. But motion of a single source is `m(t) = a s(t) LP s(t)`, so motion
 of as many sources as colors is a linear function of products `c_i LP c_j` of color sums. What these leave of the motion
-sums means that there is one source more. Over a lit ground it means nothing: what is darker or lighter moves alike.
-
-Two bars in step add no rank either; but then a single source moves two opposite ways.
+sums means one source more; not over a lit ground, where what is darker or lighter moves alike. Two bars in step add no
+rank either; but then a single source moves two opposite ways.
 
 Features are those of the mixing A, by joint diagonalisation of lagged covariances (SOBI; Belouchrani, Abed-Meraim,
 Cardoso and Moulines 1997). Delays do not separate two sources of one spectrum; the network's weights do.
@@ -46,8 +45,7 @@ DELAYS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8)  # Of the covariances that are di
 SWEEPS = 12  # Rounds of rotations of the joint diagonalisation.
 ALIKE = 0.003  # Difference of two sources' profiles of covariance below which delays do not separate them.
 OPPOSED = 0.65  # Motion of a source against its largest, over that, from which on it is two in step.
-NEARLY = 0.3  # Residual of motion over its limit from which on a single color may be two sources.
-EXPLAINED = 0.1  # The same of three colors, which may be four sources.
+NEARLY, EXPLAINED = 0.3, 0.1  # Residuals of motion over their limit above which one color, three colors may hide one.
 ABSENT, EXTREME = 0.003, 3.0  # Power of changes in a second, over the mean, of sources that leave or enter.
 DOUBTFUL = 4  # Seconds after that in which a number is not certain.
 MOST = 4  # Largest number of sources: three colors and one more.
@@ -161,7 +159,6 @@ class SourceEstimator(nn.Module):
         ways = mixing[:, MOTION].abs().view(-1, 2, 2)
         opposed = difference > ALIKE and bool((ways.amin(-1).amax(-1) > OPPOSED * ways.amax((-1, -2))).any())
         more = (residual > 1 or (opposed and colors == 1)) and not lit and colors > 0
-        # A single color may be two sources, three colors may be four sources or a textured ground.
         alike = opposed if colors == 2 else residual > (NEARLY if colors == 1 else EXPLAINED)
         alike = ((alike and not lit) or (lit and colors == 3)) and not more
         decades = float(ratios.clamp_min(1e-9).log10().abs().min().clamp_max(CLEAR))
