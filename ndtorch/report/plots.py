@@ -44,8 +44,14 @@ STYLES: dict[str, Style] = {
     "blue": Style("#0072b2", "solid"),
 }
 """Style of every feature, in the order of `FEATURES`."""
-COLORS = {"white": "#ffffff", "grey": "#888888", "black": "#000000"}
-COLORS |= {"yellow": "#e6c200", "cyan": "#00b7c7", "magenta": "#c030a0"}
+COLORS = {
+    "white": "#ffffff",
+    "grey": "#888888",
+    "black": "#000000",
+    "yellow": "#e6c200",
+    "cyan": "#00b7c7",
+    "magenta": "#c030a0",
+}
 """Colors that are no features."""
 DPI = 110
 MAX_GAIN = 10.0
@@ -54,7 +60,7 @@ TIME_LABEL = "time since learning began (s)"
 
 
 def color_of(name: str) -> str:
-    """The color that stands for a feature or another color in all figures and films, as "#rrggbb"."""
+    """The color that stands for the name of a feature or a color in all figures and films, as "#rrggbb"."""
     return STYLES[name].color if name in STYLES else COLORS.get(name, COLORS["grey"])
 
 

@@ -73,7 +73,7 @@ def run_model(
                 frames_seen += len(frames)
                 learned, times = one_matrix(model.weights(state)), signals.time.tolist()
                 outs = signals.outputs if signals.outputs.ndim == 2 else signals.outputs.flatten(1, -2).amax(1)
-                rows.append((signals.time.numpy(), outs.float().cpu().numpy()))
+                rows.append((np.array(times), outs.float().cpu().numpy()))
                 if times:
                     now = times[-1]
                 if hasattr(signals, "labels"):
