@@ -1,8 +1,9 @@
 """Background of a static camera's video: mean and noise of every pixel -> foreground mask of each frame.
 
 A pixel is foreground if it differs from the mean by more than a multiple of its noise (running average and deviation,
-Wren et al. 1997). Shadows are removed by their equal loss of light in all colors (Cucchiara et al. 2003). A background
-is known once nothing has moved there for a while; before, broad motion is foreground.
+Wren et al. 1997). Shadows are removed by their equal loss of light in all colors (Cucchiara et al. 2003), except
+from grey films, where a darker object loses light in the same way. A background is known once nothing has moved there
+for a while; before, broad motion is foreground.
 """
 
 from __future__ import annotations
@@ -50,9 +51,9 @@ DARK, MAX_GAIN = 0.04, 4.0
 """The exposure is measured where the background is lighter than this (of full scale), and corrected by at most this."""
 LIGHT_OFFSET, WINDOW_PX, MAX_VARIATION, PENUMBRA_PX = 0.02, 5, 0.06, 2
 """Shadows: light added before a ratio is taken, window in which the ratio varies by at most so much, width of edges."""
-NARROW_TINT, MIN_COLORFULNESS = 0.05, 0.015
+NARROW_TINT, MIN_COLORFULNESS, GREY = 0.05, 0.015, 1 / 255
 """A narrow shadow changes the colors' shares by at most this; it is told by its tint where the background has this mean
-distance between its largest and smallest color."""
+distance between its largest and smallest color. With less than the last, a film is grey: no shadows are removed."""
 COAT = 0.03
 """What looks like a shadow in a gap of this fraction of the height belongs to the foreground around it: a dark coat."""
 CUT_AREA, CUT_CHANGE, CUT_BLOCKS, BLOCK_PX, CUT_CORRELATION = 0.7, 0.02, 0.6, 8, 0.25
@@ -211,7 +212,9 @@ def without_shadow(mask: Bytes, image: Floats, background: Floats, p: Background
     import cv2
 
     left, top, width, height = cv2.boundingRect(cv2.medianBlur(mask, 3))
-    if not width:
+    colors = background[:, ::STEP, ::STEP]
+    colorfulness = float((colors.max(0) - colors.min(0)).mean())
+    if not width or colorfulness < GREY:
         return mask
     rows = slice(max(0, top - WINDOW_PX), top + height + WINDOW_PX)
     columns = slice(max(0, left - WINDOW_PX), left + width + WINDOW_PX)
@@ -223,8 +226,7 @@ def without_shadow(mask: Bytes, image: Floats, background: Floats, p: Background
     varies = cv2.subtract(cv2.blur(cv2.multiply(light, light), window), cv2.multiply(mean, mean))
     even = np.asarray(varies < MAX_VARIATION**2).view(np.uint8) & marks
     even = np.asarray(cv2.dilate(even, np.ones((2 * PENUMBRA_PX + 1, 2 * PENUMBRA_PX + 1), np.uint8)), np.uint8)
-    colors = background[:, ::STEP, ::STEP]
-    narrow = marks >> 1 if float((colors.max(0) - colors.min(0)).mean()) > MIN_COLORFULNESS else np.uint8(0)
+    narrow = marks >> 1 if colorfulness > MIN_COLORFULNESS else np.uint8(0)
     lit = own & ~(marks & even | narrow) & 1
     side = 2 * round(COAT * len(mask) / 2) + 1
     found = np.zeros_like(mask)

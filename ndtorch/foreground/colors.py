@@ -10,7 +10,7 @@ from ndtorch.foreground.background import Floats, Numbers
 
 MIN_HUE, MIN_HUE_RATIO = 0.02, 0.12
 """A hue below this (of full scale), or below this share of the brightness, is none."""
-WHITE, BLACK = 0.6, 0.18
+WHITE, BLACK = 0.7, 0.25
 """White begins and black ends at these shares of the brightest patch in view."""
 PATCH_PX, DIMMEST = 4, 0.02
 """Side of the patches of which the brightest looks white, and the smallest mean of a color."""

@@ -12,6 +12,7 @@ import os
 import platform
 import stat
 import sys
+import time
 from collections.abc import Callable
 from functools import cache, cached_property, update_wrapper
 from pathlib import Path
@@ -23,6 +24,9 @@ R = TypeVar("R")
 
 FASTMATH = {"reassoc", "contract", "nsz"}
 """LLVM may reorder sums and fuse multiply and add; NaN and infinity keep their meaning."""
+
+SLOW_S = 1.0
+"""Kernels that took longer to compile are logged one by one."""
 
 log = logging.getLogger("ndtorch.jit")
 
@@ -77,10 +81,16 @@ class JitFunction(Generic[R]):
         return numba.njit(nogil=True, error_model="numpy", fastmath=fastmath, **options)(self.function)
 
     def first_call(self, *args: Any) -> R:
-        if self.folder is None or not any(self.folder.rglob(f"*.{self.function.__qualname__}-*.nbi")):
-            announce()
         self.run = self.dispatcher
-        return self.run(*args)
+        if self.folder is not None and any(self.folder.rglob(f"*.{self.function.__qualname__}-*.nbi")):
+            return self.run(*args)
+        announce()
+        began = time.perf_counter()
+        result = self.run(*args)
+        seconds = time.perf_counter() - began
+        if seconds > SLOW_S:
+            log.info("kernel %s compiled in %.1f s", self.function.__qualname__, seconds)
+        return result
 
 
 @overload
@@ -99,7 +109,7 @@ def jit(function: Callable[..., R] | None = None, *, exact: bool = False) -> Any
 @cache
 def announce() -> None:
     """Say once a process that it compiles."""
-    log.info("kernels are compiled for this processor, once: it takes about 40 s")
+    log.info("kernels are compiled for this processor, once: about 40 s; `ndtorch doctor --prepare` compiles all")
 
 
 @cache

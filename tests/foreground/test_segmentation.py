@@ -105,6 +105,10 @@ def test_a_loss_of_light_is_a_shadow_and_an_object_is_none() -> None:
     left = without_shadow(mask, image, still, PARAMS)
     assert left[30:60, 20:70].mean() < 0.02
     assert left[30:60, 100:150].all()
+    # Without color, an object that is darker by so much cannot be told from a shadow.
+    grey, dark = ground(1).numpy(), ground(1).numpy()
+    dark[:, 30:60, 20:70] *= 0.6
+    assert np.array_equal(without_shadow(mask, dark, grey, PARAMS), mask)
 
 
 def test_a_ghost_has_its_edges_in_the_background() -> None:
