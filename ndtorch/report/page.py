@@ -18,7 +18,7 @@ from ndtorch.binding import save_state
 from ndtorch.report.exports import write_exports
 from ndtorch.report.films import Film, draw_overlay
 from ndtorch.report.plots import draw_all, draw_timeline
-from ndtorch.report.summary import NOTHING_MOVED, features_table, span, summary, verdict_words, words
+from ndtorch.report.summary import features_table, note_of, span, summary, verdict_words, words
 from ndtorch.report.tracks import track_record
 from ndtorch.run.result import RunResult
 from ndtorch.utils.files import write_text
@@ -142,8 +142,8 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
     ]
     if not result.model.tracks:
         answer.append(f"Verdict: {verdict_words(result)}.")
-    elif not count:
-        answer.append(f"{NOTHING_MOVED[0].upper()}{NOTHING_MOVED[1:]}.")
+    elif note := note_of(result):
+        answer.append(f"{note[0].upper()}{note[1:]}.")
     if result.interrupted:
         answer.append("The run was stopped early; this is what was found so far.")
     height, width = result.source.size

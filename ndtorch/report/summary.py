@@ -24,6 +24,9 @@ NOTHING_MOVED = (
     "background takes half a second to learn, and an object must be followed for about a second"
 )
 
+MIN_MERGED = 0.1
+"""From this share of rows in which objects overlap, the note says so."""
+
 PATH_HZ = 5.0
 """Rows of every object a second in objects.json."""
 
@@ -83,12 +86,21 @@ def in_words(result: RunResult) -> str:
             ]
             lines += [row[0].ljust(8) + "".join(f"{cell or '.':>7}" for cell in row[1:]) for row in rows]
         lines += ["", f"verdict  {verdict_words(result)}"]
-    elif not result.objects:
-        lines.append(f"note: {NOTHING_MOVED}")
+    elif note := note_of(result):
+        lines.append(f"note: {note}")
     lines += [f"new scene at {time:.1f} s" for time in result.cuts]
     if result.interrupted:
         lines.append(f"stopped early, after {result.simulated_seconds:g} s; what was computed so far is kept")
     return "\n".join(lines)
+
+
+def note_of(result: RunResult) -> str:
+    """What to know of the tracks of a run before they are used; empty if nothing."""
+    states = [state for thing in result.objects for state in thing.states]
+    merged = states.count("predicted") / max(1, len(states))
+    if merged < MIN_MERGED:
+        return "" if result.objects else NOTHING_MOVED
+    return f"objects overlap in {merged:.0%} of their rows (state predicted); those that are never apart are one object"
 
 
 def verdict_words(result: RunResult) -> str:
