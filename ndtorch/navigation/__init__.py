@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from ndtorch.navigation.model import Navigator, NavigatorState
     from ndtorch.navigation.odometry import DeadReckoning, Pose
     from ndtorch.navigation.options import NavigatorOptions
+    from ndtorch.navigation.stereo.calibration_files import StereoCalibration, load_calibration
     from ndtorch.navigation.stereo.features import FeatureParams, MatchParams
     from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
     from ndtorch.navigation.stereo.rig import Rect, StereoRig
@@ -65,11 +66,13 @@ __all__ = [
     "RangingParams",
     "Rect",
     "SearchParams",
+    "StereoCalibration",
     "StereoRanging",
     "StereoRig",
     "Strips",
     "controller_names",
     "cut_strips",
+    "load_calibration",
     "load_map",
     "make_controller",
     "save_map",

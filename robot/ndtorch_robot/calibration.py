@@ -222,8 +222,7 @@ class Rectifier:
             for rect in (field, row):
                 center = ((wide - 1) / 2 - rect.left, (high - 1) / 2 - rect.top)
                 matrix = np.array([[focal, 0, center[0]], [0, focal, center[1]], [0, 0, 1]])
-                size, lens = (rect.right - rect.left, rect.bottom - rect.top), (camera.matrix, camera.distortion)
-                x, y = cv2.initUndistortRectifyMap(*lens, camera.rotation, matrix, size, cv2.CV_32FC1)
+                x, y = camera.maps(matrix, (rect.right - rect.left, rect.bottom - rect.top))
                 inside = (x >= 0) & (x <= wide - 1) & (y >= 0) & (y <= high - 1)
                 if inside.mean() < MIN_INSIDE:
                     raise InputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -117,7 +118,7 @@ def ros(number: int, unit: float = 1.0) -> str:
 
 def camera_info(number: int) -> str:
     values = f"K: {K}\nD: []\nR: {np.eye(3).ravel().tolist()}\nP: {projection(number)}"
-    return f"---\nheight: {HEIGHT}\nwidth: {WIDTH}\ndistortion_model: plumb_bob\n{values}\n"
+    return f"height: {HEIGHT}\nwidth: {WIDTH}\ndistortion_model: plumb_bob\n{values}\n---\n"
 
 
 def euroc(number: int) -> str:
@@ -142,26 +143,28 @@ def kalibr() -> str:
     return f"cam0:\n{camera}cam1:\n  T_cn_cnm1:\n{rows}{camera}"
 
 
-def opencv(folder: Path, suffix: str) -> Path:
-    path = folder / f"stereo.{suffix}"
+INTRINSICS = {f"M{n}": np.array(K).reshape(3, 3) for n in (1, 2)} | {f"D{n}": np.zeros((1, 5)) for n in (1, 2)}
+EXTRINSICS = {"R": np.eye(3), "T": np.array([[-BASELINE], [0], [0]])}
+
+
+def opencv(path: Path, values: dict[str, object]) -> Path:
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    for number in (1, 2):
-        storage.write(f"M{number}", np.array(K).reshape(3, 3))
-        storage.write(f"D{number}", np.zeros((1, 5)))
-    storage.write("R", np.eye(3))
-    storage.write("T", np.array([[-BASELINE], [0], [0]]))
-    storage.write("image_width", WIDTH)
-    storage.write("image_height", HEIGHT)
+    for name, value in values.items():
+        storage.write(name, value)
     storage.release()
     return path
 
 
-@pytest.fixture(params=["ros", "camera_info", "euroc", "kalibr", "kitti", "yml"])
+@pytest.fixture(params=["ros", "camera_info", "euroc", "kalibr", "kitti", "yml", "json", "two"])
 def files(request: pytest.FixtureRequest, tmp_path: Path) -> list[Path]:
-    if request.param == "yml":
-        return [opencv(tmp_path, request.param)]
+    if request.param == "two":  # as OpenCV's sample stereo_calib writes them
+        projections = {f"P{n}": np.array(projection(n - 1)).reshape(3, 4) for n in (1, 2)}
+        made = EXTRINSICS | {"R1": np.eye(3), "R2": np.eye(3)} | projections
+        return [opencv(tmp_path / "extrinsics.yml", made), opencv(tmp_path / "intrinsics.yml", INTRINSICS)]
+    if request.param in ("yml", "json"):
+        return [opencv(tmp_path / f"stereo.{request.param}", INTRINSICS | EXTRINSICS)]
     pairs = {"ros": ros, "camera_info": camera_info, "euroc": euroc}
-    kitti = "".join(f"P{n}: {' '.join(map(str, projection(n)))}\n" for n in (0, 1)) + "Tr: 1 0 0\n"
+    kitti = "".join(f"P{n}: {', '.join(map(str, projection(n)))}  # px\n" for n in (0, 1)) + "Tr: 1 0 0\n"
     texts = {"kalibr": kalibr(), "kitti": kitti}
     made = [pairs[request.param](n) for n in (0, 1)] if request.param in pairs else [texts[request.param]]
     paths = [tmp_path / f"{n}.yaml" for n in range(len(made))]
@@ -193,6 +196,49 @@ def test_units_and_sizes_are_checked(tmp_path: Path) -> None:
         StereoRig.load(tmp_path / "empty.txt")
     with pytest.raises(InputError, match=r"none\.yaml: cannot be read"):
         StereoRig.load(tmp_path / "none.yaml")
+
+
+def test_what_cannot_be_a_calibration_is_refused(tmp_path: Path) -> None:
+    """One camera, a missing part, numbers that cannot be, and files that would not end."""
+    size, path = {"width": WIDTH, "height": HEIGHT}, tmp_path / "c.yml"
+    for values, message in (
+        (EXTRINSICS, "M1 .* is missing"),
+        (INTRINSICS, "R is missing"),
+        (INTRINSICS | EXTRINSICS | {"M2": np.zeros((3, 3))}, "finite|focal"),
+    ):
+        with pytest.raises(InputError, match=message):
+            StereoRig.load(opencv(path, values), **size)
+    aliases = "a: &a []\n" + "".join(f"{b}: &{b} [{f'*{a},' * 9}]\n" for a, b in zip("abcdefg", "bcdefgh", strict=True))
+    for text, message in (
+        (euroc(0), "both cameras"),
+        (camera_info(0), "both cameras"),
+        ("[" * 49_000, "lists"),
+        ("[" * 100_000, "bytes"),
+        (f"{aliases}M1: *h", "references"),
+        (f"P0: {'nan ' * 12}\nP1: {'nan ' * 12}", "finite"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=message):
+            StereoRig.load(path)
+    os.mkfifo(tmp_path / "fifo")
+    for name in ("/dev/zero", tmp_path / "fifo"):
+        with pytest.raises(InputError, match="no regular file"):
+            StereoRig.load(name)
+
+
+def test_fisheye_lenses_are_rectified(tmp_path: Path) -> None:
+    """A point of the scene lies where the rectified camera of the calibration has it."""
+    k, d = np.array(K).reshape(3, 3), np.array([0.1, 0.02, -0.01, 0.003])
+    text = kalibr().replace("radtan", "equidistant").replace("[0.0, 0.0, 0.0, 0.0]", str(d.tolist()))
+    (tmp_path / "camchain.yaml").write_text(text)
+    pair, point, raws = load_calibration(tmp_path / "camchain.yaml"), np.array([0.4, -0.3, 1.0]), []
+    for number in (0, 1):
+        seen = (point - (number * BASELINE, 0, 0)).reshape(1, 1, 3)
+        x, y = cv2.fisheye.projectPoints(seen, np.zeros(3), np.zeros(3), k, d)[0].ravel().round().astype(int)
+        raws.append(cv2.circle(np.zeros((HEIGHT, WIDTH), np.uint8), (int(x), int(y)), 3, 255, -1))
+    for camera, image in zip((pair.left, pair.right), pair.rectify(*raws), strict=True):
+        row, column = np.argwhere(image > 100).mean(0)
+        assert (column, row) == pytest.approx((camera.projection @ [*point, 1])[:2], abs=1.5)
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data/stereo")

@@ -14,17 +14,20 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.errors import InputError
-from ndtorch.utils.files import read_text
+from ndtorch.utils.files import read_bytes
 
 Floats = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 FORMATS = "ROS camera_info or ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, OpenCV, Kalibr"
-MAX_BYTES = 50_000
+MAX_BYTES, MAX_LISTS = 50_000, 500
 PINHOLE = {"", "none", "plumb_bob", "rational_polynomial", "radtan", "radial-tangential", "radial_tangential"}
-"""Distortion models whose coefficients OpenCV takes as they are."""
+FISHEYE = {"equidistant", "fisheye", "kannala_brandt", "kannala_brandt4"}
+"""Distortion models whose coefficients `cv2` and `cv2.fisheye` take as they are."""
 
 ROS_MATRICES = ("K", "camera"), ("R", "rectification"), ("P", "projection")
+OPENCV_NAMES = ("M{}", "K{}", "cameraMatrix{}"), ("D{}", "distCoeffs{}", "distortion{}")
+"""Names of intrinsics and distortion of both cameras in the files of OpenCV's sample and of others."""
 
 
 class PairCamera(NamedTuple):
@@ -34,6 +37,12 @@ class PairCamera(NamedTuple):
     distortion: Floats  # coefficients `[n]` as OpenCV has them
     rotation: Floats  # from the camera's frame to that of the rectified pair, `[3, 3]`
     projection: Floats  # of the rectified camera, `[3, 4]`, the last column in pixels times metres
+    fisheye: bool = False  # coefficients are those of `cv2.fisheye`
+
+    def maps(self, matrix: Floats, size: tuple[int, int]) -> Any:
+        """Columns and rows of the raw image of each pixel of a rectified one of this size and these intrinsics."""
+        made = cv2.fisheye if self.fisheye else cv2
+        return made.initUndistortRectifyMap(self.matrix, self.distortion, self.rotation, matrix, size, cv2.CV_32FC1)
 
 
 @dataclass(frozen=True)
@@ -71,10 +80,7 @@ class StereoCalibration:
         """Position in the raw images of each pixel of the rectified ones."""
         if self.size is None:
             raise InputError("the calibration does not say how large the images are: give width and height")
-        return [
-            cv2.initUndistortRectifyMap(matrix, distortion, rotation, projection[:, :3], self.size, cv2.CV_32FC1)
-            for matrix, distortion, rotation, projection in (self.left, self.right)
-        ]
+        return [camera.maps(camera.projection[:, :3], self.size) for camera in (self.left, self.right)]
 
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
         """Both images `[H, W]` or `[H, W, C]` as parallel cameras would have taken them.
@@ -116,38 +122,35 @@ def load_calibration(
     if len(paths) not in (1, 2) or (width is None) != (height is None):
         raise InputError("expected one calibration file of both cameras or two, and width and height together")
     names = ", ".join(map(str, paths))
+    given = None if width is None or height is None else (width, height)
     try:
-        texts = [read_text(path, MAX_BYTES).removeprefix("\ufeff") for path in paths]
-        pair = of_lines(texts[0], cameras, unit_m) if len(texts) == 1 else None
-        pair = pair or of_tables([parsed(text) for text in texts], cameras, unit_m)
+        tables = [parsed(read_bytes(path, MAX_BYTES).decode(errors="replace")) for path in paths]
+        pair = of_tables(tables, cameras, unit_m, given)
     except OSError as error:
         raise InputError(f"{names}: cannot be read ({error.strerror})") from None
     except InputError as error:
         raise InputError(f"{names}: {error}") from None
     except (LookupError, ValueError, TypeError, AttributeError, RecursionError, cv2.error) as error:
-        raise InputError(f"{names}: no calibration that is known ({FORMATS}): {error}") from None
-    if width is None or height is None:
-        return pair
-    if pair.size not in (None, (width, height)):
-        raise InputError(f"{names}: the calibration is for {pair.size} images and the frames are {(width, height)}")
-    return replace(pair, size=(width, height))
+        raise InputError(f"{names}: no calibration that is known ({FORMATS}): {' '.join(str(error).split())}") from None
+    if given and pair.size not in (None, given):
+        raise InputError(f"{names}: the calibration is for {pair.size} images and the frames are {given}")
+    return replace(pair, size=given or pair.size)
 
 
-def of_lines(text: str, cameras: tuple[int, int], unit: float) -> StereoCalibration | None:
-    """The pair in lines of a name and twelve numbers, as of KITTI; None for other files."""
-    rows = re.findall(r"^(?:P[^:\n]*:)?[ \t]*([-+.\deE]+(?:[ \t]+[-+.\deE]+){11})[ \t]*$", text, re.MULTILINE)
-    if len(rows) <= max(cameras):
-        return None
-    first, second = (rectified_camera(np.array(rows[n].split(), np.float64).reshape(3, 4), unit) for n in cameras)
-    return StereoCalibration(first, second, None)
-
-
-def of_tables(tables: list[dict[str, Any]], cameras: tuple[int, int], unit: float) -> StereoCalibration:
-    """The pair in one table of OpenCV or Kalibr, or in two of ROS or EuRoC."""
+def of_tables(
+    tables: list[dict[str, Any]], cameras: tuple[int, int], unit: float, given: tuple[int, int] | None
+) -> StereoCalibration:
+    """The pair in one table of KITTI or Kalibr, in one or two of OpenCV, or in two of ROS or EuRoC."""
     left, right = tables[0], tables[-1]
-    if len(tables) == 2 and "T_BS" not in left:
-        return StereoCalibration(ros_camera(left, unit), ros_camera(right, unit), one_size(*map(image_size, tables)))
-    if len(tables) == 2:
+    both, matrices = left | right, [name for name in left if name[:1] == "P" and array(left[name]).size == 12]
+    singles = [bool({"K", "k", "camera_matrix", "T_BS"} & table.keys()) for table in tables]
+    if singles == [True, True] and "T_BS" not in both:
+        sizes = one_size(*map(image_size, tables))
+        return StereoCalibration(ros_camera(left, unit), ros_camera(right, unit), sizes)
+    if len(tables) == 1 and not {"R", "T", "M1"} & left.keys() and len(matrices) > max(cameras):
+        first, second = (rectified_camera(array(left[matrices[n]]).reshape(3, 4), unit) for n in cameras)
+        return StereoCalibration(first, second, image_size(left) if "image_width" in left else None)
+    if len(tables) == 2 and all("T_BS" in table for table in tables):
         poses = [array(one["T_BS"]).reshape(4, 4) for one in tables]
         motion = np.linalg.inv(poses[1]) @ poses[0]
     elif all(f"cam{n}" in left for n in cameras):
@@ -155,40 +158,56 @@ def of_tables(tables: list[dict[str, Any]], cameras: tuple[int, int], unit: floa
         for n in range(cameras[0] + 1, cameras[1] + 1):
             motion = array(left[f"cam{n}"]["T_cn_cnm1"]).reshape(4, 4) @ motion
         left, right = (tables[0][f"cam{n}"] for n in cameras)
+    elif any(singles):
+        raise InputError("one camera of a pair: give the files of both cameras, of one format, the left one first")
+    elif {"R", "T"} & both.keys() or any(name.format(1) in both for name in OPENCV_NAMES[0]):
+        return of_opencv(both, unit, given)
     else:
-        return of_opencv(left, unit)
-    matrices, distortions = [], []
+        raise ValueError(f"it has {', '.join(map(str, both))[:60] or 'nothing'}")
+    fisheye = is_fisheye(left)
+    if fisheye != is_fisheye(right):
+        raise InputError("both cameras must have the same distortion model")
+    lenses = []
     for camera in (left, right):
-        check_model(camera)
         fu, fv, cu, cv = array(camera["intrinsics"])
-        matrices.append(np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]]))
-        distortions.append(array(pick(camera, "distortion_coefficients", "distortion_coeffs")))
+        matrix = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]])
+        lenses += [matrix, array(pick(camera, "distortion_coefficients", "distortion_coeffs"))]
     size = one_size(left["resolution"], right["resolution"])
-    return stereo_calibration(matrices, distortions, motion[:3, :3], motion[:3, 3] * unit, size)
+    return stereo_calibration(lenses[::2], lenses[1::2], motion[:3, :3], motion[:3, 3] * unit, size, fisheye)
 
 
-def of_opencv(table: Mapping[str, Any], unit: float) -> StereoCalibration:
-    size = image_size(table) if "image_width" in table else None
-    if "P1" in table and "P2" in table and "R" not in table:
-        first, second = (rectified_camera(array(table[name]).reshape(3, 4), unit) for name in ("P1", "P2"))
-        return StereoCalibration(first, second, size)
+def of_opencv(table: Mapping[str, Any], unit: float, given: tuple[int, int] | None) -> StereoCalibration:
+    """The pair of `cv2.stereoCalibrate`, rectified as the file says, or else by `cv2.stereoRectify`."""
+    matrices, distortions = (
+        [array(pick(table, *(name.format(n) for name in names))) for n in (1, 2)] for names in OPENCV_NAMES
+    )
+    k1, k2 = (matrix.reshape(3, 3) for matrix in matrices)
+    size = image_size(table) if "image_width" in table else given
+    if all(name in table for name in ("R1", "R2", "P1", "P2")):
+        turns = [array(table[f"R{n}"]).reshape(3, 3) for n in (1, 2)]
+        first, second = (array(table[f"P{n}"]).reshape(3, 4) * (1, 1, 1, unit) for n in (1, 2))
+        left = PairCamera(k1, distortions[0], turns[0], first)
+        return StereoCalibration(left, PairCamera(k2, distortions[1], turns[1], second), size)
+    turn, shift = array(pick(table, "R")).reshape(3, 3), array(pick(table, "T")) * unit
     if size is None:
-        raise ValueError("expected M1, D1, M2, D2, R, T, image_width and image_height, or P1 and P2")
-    matrices, distortions = ([array(table[f"{name}{n}"]) for n in (1, 2)] for name in "MD")
-    turn, shift = array(table["R"]).reshape(3, 3), array(table["T"]) * unit
-    return stereo_calibration([matrix.reshape(3, 3) for matrix in matrices], distortions, turn, shift, size)
+        raise InputError("the file does not say how large the images are: give width and height of the frames")
+    return stereo_calibration([k1, k2], distortions, turn, shift, size)
 
 
 def ros_camera(table: Mapping[str, Any], unit: float) -> PairCamera:
-    """A camera of a camera_info message or of an ost.yaml."""
-    check_model(table)
+    """A camera of a camera_info message or of an ost.yaml, as binning and region of interest leave it (REP 104)."""
     k, r, p = (array(pick(table, f"{name}_matrix", short, short.lower())) for short, name in ROS_MATRICES)
     d = array(pick(table, "distortion_coefficients", "D", "d"))
-    return PairCamera(k.reshape(3, 3), d, r.reshape(3, 3), p.reshape(3, 4) * (1, 1, 1, unit))
+    return PairCamera(k.reshape(3, 3), d, r.reshape(3, 3), p.reshape(3, 4) * (1, 1, 1, unit), is_fisheye(table))
 
 
 def stereo_calibration(
-    matrices: Sequence[Floats], distortions: Sequence[Floats], turn: Floats, shift: Floats, size: tuple[int, int]
+    matrices: Sequence[Floats],
+    distortions: Sequence[Floats],
+    turn: Floats,
+    shift: Floats,
+    size: tuple[int, int],
+    fisheye: bool = False,
 ) -> StereoCalibration:
     """A pair as `cv2.stereoCalibrate` measures it.
 
@@ -196,11 +215,16 @@ def stereo_calibration(
         matrices, distortions: intrinsics `[3, 3]` and coefficients `[n]` of the left and the right camera.
         turn, shift: from the left camera's frame to the right one's, `[3, 3]` and `[3]` in metres.
         size: width and height of the images, pixels.
+        fisheye: whether the coefficients are those of `cv2.fisheye`.
     """
     lenses = (matrices[0], distortions[0], matrices[1], distortions[1])
-    made = cv2.stereoRectify(*lenses, size, turn, shift.reshape(3, 1), flags=cv2.STEREO_ZERO_DISPARITY, alpha=0)
-    r1, r2, p1, p2 = (np.asarray(part, np.float64) for part in made[:4])
-    return StereoCalibration(PairCamera(*lenses[:2], r1, p1), PairCamera(*lenses[2:], r2, p2), size)
+    rectify: Any = cv2.fisheye.stereoRectify if fisheye else cv2.stereoRectify
+    options = {"flags": cv2.STEREO_ZERO_DISPARITY} | ({} if fisheye else {"alpha": 0})
+    r1, r2, p1, p2 = (
+        np.asarray(m, np.float64) for m in rectify(*lenses, size, turn, shift.reshape(3, 1), **options)[:4]
+    )
+    first, second = PairCamera(*lenses[:2], r1, p1, fisheye), PairCamera(*lenses[2:], r2, p2, fisheye)
+    return StereoCalibration(first, second, size)
 
 
 def rectified_camera(projection: Floats, unit: float) -> PairCamera:
@@ -208,10 +232,12 @@ def rectified_camera(projection: Floats, unit: float) -> PairCamera:
     return PairCamera(projection[:, :3], np.zeros(5), np.eye(3), projection * (1, 1, 1, unit))
 
 
-def check_model(camera: Mapping[str, Any]) -> None:
-    model, lens = str(camera.get("distortion_model", "")), str(camera.get("camera_model", "pinhole"))
-    if model.lower() not in PINHOLE or lens != "pinhole":
-        raise InputError(f"the model {lens} {model} is not supported: calibrate with a pinhole model (radtan)")
+def is_fisheye(camera: Mapping[str, Any]) -> bool:
+    """Whether the distortion of a camera is that of `cv2.fisheye`; raises `InputError` for models of other kinds."""
+    model, lens = str(camera.get("distortion_model", "")).lower(), str(camera.get("camera_model", "pinhole"))
+    if model not in PINHOLE | FISHEYE or lens != "pinhole":
+        raise InputError(f"the model {lens} {model} is not supported: calibrate with radtan or equidistant")
+    return model in FISHEYE
 
 
 def image_size(table: Mapping[str, Any]) -> tuple[int, int]:
@@ -226,26 +252,37 @@ def one_size(left: Any, right: Any) -> tuple[int, int]:
 
 def pick(table: Mapping[str, Any], *names: str) -> Any:
     """The value of the first of some names that a table has."""
-    return table[next((name for name in names if name in table), names[0])]
+    if not any(name in table for name in names):
+        raise InputError(f"{' or '.join(names)} is missing")
+    return table[next(name for name in names if name in table)]
 
 
 def array(value: Any) -> Floats:
-    """The numbers of a list, or of a matrix that has them under `data`, in one row."""
-    return np.array(value["data"] if isinstance(value, Mapping) else value, np.float64).ravel()
+    """The numbers of a list, of a text, or of a matrix that has them under `data`, in one row."""
+    value = value["data"] if isinstance(value, Mapping) else value
+    return np.array(value.replace(",", " ").split() if isinstance(value, str) else value, np.float64).ravel()
 
 
 def parsed(text: str) -> dict[str, Any]:
-    from ruamel.yaml import YAML
+    """The first table of a YAML file: names with numbers, lists or matrices; or lines of twelve numbers as P0, P1..."""
+    from ruamel.yaml import YAML, AliasEvent
     from ruamel.yaml.error import YAMLError
 
     reader = YAML(typ="safe", pure=True)
     reader.Constructor.add_constructor(
         "tag:yaml.org,2002:opencv-matrix", lambda constructor, node: constructor.construct_mapping(node, deep=True)
     )
+    text = re.sub(r"^\s*%YAML.*\n", "", text.removeprefix("\ufeff")).expandtabs(1)
+    if text.count("[") + text.count("{") > MAX_LISTS:
+        raise ValueError(f"more than {MAX_LISTS} lists")
     try:
-        table = next(iter(reader.load_all(re.sub(r"^\s*%YAML.*\n", "", text))), None)
+        if any(isinstance(event, AliasEvent) for event in reader.parse(text)):  # a small file of them holds any number
+            raise ValueError("references are not read")
+        table = next(iter(reader.load_all(text)), None)
     except YAMLError as error:
         raise ValueError(f"not a YAML file ({str(error).splitlines()[0]})") from None
+    if isinstance(table, str):
+        table = {f"P{n}": row for n, row in enumerate(array(table).reshape(-1, 12))}
     if not isinstance(table, dict):
         raise ValueError("not a table of names and values")
     return table
