@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import itertools
 import math
+import stat
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import torch
 from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import StereoRig
-from ndtorch.navigation.stereo.calibration_files import StereoCalibration, ros_camera
+from ndtorch.navigation import SearchParams, StereoRig, load_calibration
+from ndtorch.navigation.stereo.calibration_files import ros_pair
+from ndtorch.navigation.stereo.search import search_rows
 from ndtorch_robot import ros_messages as ros
 from ndtorch_robot.ports import STAND, DriveCommand, StereoFrames
 
@@ -25,9 +30,24 @@ SIDES = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_0", 
 """Parts of the names of a left and of a right camera's topics."""
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+MOTIONS = (
+    "nav_msgs/msg/Odometry",
+    *TRANSFORMS,
+    *(f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "PoseWithCovariance", "Transform", "Twist")),
+)
+"""Kinds of topics of motion; the first one that a bag has is read."""
+BODIES = ("base_link", "base_footprint", "base")
+"""Frames of `/tf` whose place in `odom`, or in another frame, is that of the robot."""
+OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+"""From the axes of an optical frame (right, down, ahead) to those of a body (ahead, left, up), REP 103."""
 
 FIRST_IMAGES, MIN_SPEED_M_PER_S = 60, 1e-3
 """Images from which the frame rate is taken, and speed of a robot that turns on the spot: curvatures are finite."""
+MOST_ROWS = 8
+"""Rows by which images are moved against each other to find out why there are no ranges."""
+
+Floats = npt.NDArray[np.float64]
 
 
 class Topics(NamedTuple):
@@ -42,7 +62,12 @@ class Topics(NamedTuple):
 def reading(path: Path) -> Iterator[AnyReader]:
     """A bag; whatever a damaged one, or another file, does to the package that reads it is one `InputError`."""
     try:
-        with AnyReader([path], default_typestore=ros.typestore()) as reader:
+        files = [path]
+        if path.is_dir() and not (path / "metadata.yaml").exists():
+            files = sorted(file for file in path.iterdir() if file.suffix in (".mcap", ".db3", ".bag")) or files
+        if not all(stat.S_IFMT(file.stat().st_mode) in (stat.S_IFREG, stat.S_IFDIR) for file in files):
+            raise InputError("no file or folder")
+        with AnyReader(files, default_typestore=ros.typestore()) as reader:
             yield reader
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -59,118 +84,201 @@ class StereoBag:
     Args:
         path: a folder or file of ROS 2, a file of ROS 1, or one of MCAP.
         left, right: topics of the images; by default the only pair whose names differ by the side.
-        odometry: topic; the first one of odometry by default.
+        odometry: topic; the first one of motion by default, see `MOTIONS`.
+        calibration: files that `load_calibration` reads; the topics camera_info by default.
+        apart_s: most seconds between both images of a pair; by default a quarter of the time between frames.
         where: `camera_height`, `pitch` and `forward` of the rig, which no bag knows.
 
     Attributes:
         topics, rig, rate: topics and geometry that are used, and the frames a second.
+        by_log: whether times are those at which messages were recorded, since images have no stamps that increase.
+        moves: the motion that has been read.
+        nearest_s: least seconds between images of both cameras, where there was no pair yet.
 
     Raises:
         InputError: a bag that cannot be read, without such topics, or of another size than its calibration.
     """
 
     def __init__(
-        self, path: Path, left: str | None = None, right: str | None = None, odometry: str | None = None, **where: float
+        self,
+        path: Path,
+        left: str | None = None,
+        right: str | None = None,
+        odometry: str | None = None,
+        calibration: Sequence[Path] = (),
+        apart_s: float | None = None,
+        **where: Any,
     ) -> None:
-        self.path = path
+        self.path, self.by_log, self.moves, self.nearest_s = path, False, Moves(), math.inf
         with reading(path) as reader:
             kinds = {connection.topic: connection.msgtype for connection in reader.connections}
             self.topics = find_topics(kinds, left, right, odometry)
-            folders = [topic.removesuffix("/compressed").rpartition("/")[0] for topic in self.topics[:2] if topic]
-            names = [f"{folder}/camera_info" for folder in folders]
-            infos: dict[str, Any] = {}
-            for topic, message in messages(reader, names):
-                infos.setdefault(topic, message)
-                if len(infos) == 2:
-                    break
-            if len(infos) < 2:
-                raise InputError(f"no calibration: expected camera_info in {' and '.join(names)}")
-            left_info, right_info = (infos[name] for name in names)
-            size = (int(left_info.width), int(left_info.height))
-            if size != (right_info.width, right_info.height):
-                raise InputError("the calibrations of both cameras are of different sizes")
-            cameras = [ros_camera(vars(info), 1.0) for info in (left_info, right_info)]
-            self.calibration = StereoCalibration(cameras[0], cameras[1], size)
-            first = itertools.islice(messages(reader, [self.topics.left]), FIRST_IMAGES)
-            stamps = [ros.stamp_seconds(message) for _, message in first]
-        period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
-        if not period > 0:
-            raise InputError(f"{path}: {self.topics.left} has no images whose stamps increase")
+            first = list(itertools.islice(self.messages(reader, [self.topics.left]), FIRST_IMAGES))
+            stamps = [ros.stamp_seconds(message) for _, message, _ in first]
+            self.by_log = len(stamps) > 1 and not np.median(np.diff(stamps)) > 0
+            times = [self.time(message, log) for _, message, log in first]
+            period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+            if not period > 0:
+                raise InputError(f"{self.topics.left} has fewer than two images whose times increase")
+            height, width = image_of(first[0][1]).shape[2:]
+            if calibration:
+                self.calibration = load_calibration(*calibration, width=width, height=height)
+            else:
+                self.calibration = self.camera_infos(reader)
+        if self.calibration.size != (width, height):
+            raise InputError(f"{path}: images of {(width, height)}, and a calibration of {self.calibration.size}")
         self.rate, pair = 1 / period, self.calibration
-        left_matrix, right_matrix, (width, height) = pair.left.projection, pair.right.projection, size
-        self.rig = StereoRig.from_projections(left_matrix, right_matrix, width, height, **where)
+        self.apart_s = period / 4 if apart_s is None else apart_s
+        self.rig = StereoRig.from_projections(pair.left.projection, pair.right.projection, width, height, **where)
         name = self.topics.left.removesuffix("/compressed").rpartition("/")[2]
-        self.is_rectified = "rect" in name or pair.is_rectified
+        self.is_rectified = pair.is_rectified or ("rect" in name and not calibration)
+
+    def camera_infos(self, reader: AnyReader) -> Any:
+        """The calibration in the topics camera_info beside those of the images."""
+        folders = [topic.removesuffix("/compressed").rpartition("/")[0] for topic in self.topics[:2] if topic]
+        names, infos = [f"{folder}/camera_info" for folder in folders], dict[str, Any]()
+        for topic, message, _ in self.messages(reader, names):
+            infos.setdefault(topic, message)
+            if len(infos) == 2:
+                break
+        if len(infos) < 2:
+            missing = " and ".join(name for name in names if name not in infos)
+            raise InputError(f"no calibration: expected {missing} in the bag, or --calibration LEFT RIGHT")
+        try:
+            return ros_pair(*(vars(infos[name]) | {"roi": vars(infos[name].roi)} for name in names))
+        except InputError as error:
+            raise InputError(f"{names[0]}: {error}; --calibration LEFT RIGHT takes another one") from None
 
     def pairs(self) -> Iterator[tuple[StereoFrames, DriveCommand]]:
-        """Frames taken within a quarter of a period of each other, with the mean motion since the last ones."""
+        """Frames taken at the same time, to `apart_s`, with the mean motion since the last ones."""
         waiting: tuple[deque[Any], deque[Any]] = (deque(), deque())
-        first, newest, last = None, None, -math.inf
+        self.moves, last = Moves(), -math.inf
         with reading(self.path) as reader:
-            for topic, message in messages(reader, [topic for topic in self.topics if topic is not None]):
+            wanted = [topic for topic in self.topics if topic is not None]
+            for topic, message, log in self.messages(reader, wanted):
                 if topic == self.topics.odometry:
-                    first, newest = first or message, message
+                    self.moves.add(message, self.time(message, log))
                     continue
-                waiting[topic == self.topics.right].append(message)
+                waiting[topic == self.topics.right].append((self.time(message, log), message))
                 while waiting[0] and waiting[1]:
-                    times = [ros.stamp_seconds(images[0]) for images in waiting]
-                    if abs(times[0] - times[1]) > 0.25 / self.rate:
+                    times = [images[0][0] for images in waiting]
+                    self.nearest_s = min(self.nearest_s, abs(times[0] - times[1]))
+                    if abs(times[0] - times[1]) > self.apart_s:
                         waiting[times[0] > times[1]].popleft()
                         continue
-                    left, right = (images.popleft() for images in waiting)
+                    left, right = (images.popleft()[1] for images in waiting)
                     if min(times) > last:
                         last = min(times)
-                        yield self.frames(left, right, last), motion(first, newest)
-                        first = newest
+                        yield self.frames(left, right, last), self.moves.mean()
 
     def frames(self, left: Any, right: Any, time: float) -> StereoFrames:
-        images = []
-        for message in (left, right):
-            if hasattr(message, "encoding"):
-                image = ros.image_pixels(message)
-            else:
-                decoded = cv2.imdecode(np.asarray(message.data), cv2.IMREAD_ANYCOLOR)
-                if decoded is None:
-                    raise InputError(f"an image that cannot be decoded ({message.format!r})")
-                array = np.atleast_3d(np.asarray(decoded, np.uint8))[..., ::-1]
-                image = torch.from_numpy(np.ascontiguousarray(array)).permute(2, 0, 1)[None]
+        images = [image_of(message) for message in (left, right)]
+        for image in images:
             if (image.shape[3], image.shape[2]) != self.calibration.size:
                 raise InputError(f"images of {tuple(image.shape[:1:-1])}, and a calibration of {self.calibration.size}")
-            images.append(image)
         if not self.is_rectified:
             arrays = self.calibration.rectify(*(image[0].permute(1, 2, 0).numpy() for image in images))
             images = [torch.from_numpy(np.atleast_3d(array)).permute(2, 0, 1)[None] for array in arrays]
         return StereoFrames(images[0], images[1], time)
 
+    def messages(self, reader: AnyReader, topics: Sequence[str]) -> Iterator[tuple[str, Any, float]]:
+        """Topic, message and time of recording, s, in the order of these times."""
+        chosen = [connection for connection in reader.connections if connection.topic in topics]
+        for connection, log, data in reader.messages(connections=chosen) if chosen else ():
+            yield connection.topic, reader.deserialize(data, connection.msgtype), log * 1e-9
 
-def messages(reader: AnyReader, topics: list[str]) -> Iterator[tuple[str, Any]]:
-    chosen = [connection for connection in reader.connections if connection.topic in topics]
-    for connection, _, data in reader.messages(connections=chosen) if chosen else ():
-        yield connection.topic, reader.deserialize(data, connection.msgtype)
+    def time(self, message: Any, log: float) -> float:
+        """The stamp of a message, s, or when it was recorded where it has none."""
+        return log if self.by_log or not hasattr(message, "header") else ros.stamp_seconds(message) or log
 
 
-def motion(first: Any, last: Any) -> DriveCommand:
-    """Mean motion between two messages of odometry, by their poses, or by the speeds of the last one of one time."""
-    if last is None:
-        return STAND
-    elapsed = ros.stamp_seconds(last) - ros.stamp_seconds(first)
-    speed, turn = last.twist.twist.linear.x, last.twist.twist.angular.z
-    if elapsed > 0:
-        (a, b), heading = (m.pose.pose.position for m in (first, last)), ros.yaw(first.pose.pose.orientation)
-        turn = math.remainder(ros.yaw(last.pose.pose.orientation) - heading, math.tau) / elapsed
-        direction = heading + turn * elapsed / 2
-        speed = ((b.x - a.x) * math.cos(direction) + (b.y - a.y) * math.sin(direction)) / elapsed
+def image_of(message: Any) -> torch.Tensor:
+    """Pixels `[1, C, H, W]` uint8 of an image, or of a compressed one."""
+    if hasattr(message, "encoding"):
+        return ros.image_pixels(message)
+    decoded = cv2.imdecode(np.asarray(message.data), cv2.IMREAD_ANYCOLOR) if len(message.data) else None
+    if decoded is None:
+        raise InputError(f"an image that cannot be decoded ({message.format!r})")
+    array = np.atleast_3d(np.asarray(decoded, np.uint8))[..., ::-1]
+    return torch.from_numpy(np.ascontiguousarray(array)).permute(2, 0, 1)[None]
+
+
+class Moves:
+    """The motion of a body in the plane, by poses, or by speeds where poses are missing or stay the same.
+
+    Attributes:
+        path_m, up_m: how far it moved in the plane, and across it; the second is small if the axes are right.
+    """
+
+    def __init__(self) -> None:
+        self.before: tuple[float, Floats, Floats] | None = None
+        self.path_m = self.up_m = self.ahead = self.turn = self.elapsed = 0.0
+        self.last = STAND
+
+    def add(self, message: Any, time: float) -> None:
+        """Take a message of one of `MOTIONS`."""
+        if hasattr(message, "transforms"):
+            parts = [part for part in message.transforms if part.child_frame_id.lstrip("/") in BODIES]
+            parts.sort(key=lambda part: "odom" not in part.header.frame_id)
+            if not parts:
+                return
+            message, time = parts[0], ros.stamp_seconds(parts[0]) or time
+        frame = getattr(message, "child_frame_id", "") or message.header.frame_id
+        axes = OPTICAL if "optical" in frame else np.eye(3)
+        place, turned, linear, angular = pose_and_twist(message)
+        now, before = (time, place, turned), self.before
+        speeds = axes @ linear, axes @ angular
+        if before is None or not time > before[0]:
+            self.before = before or now
+            self.last = command(speeds[0][0], speeds[1][2]) if before is None else self.last
+            return
+        elapsed, step, rotation = time - before[0], axes @ before[2].T @ (place - before[1]), before[2].T @ turned
+        rotation = axes @ rotation @ axes.T
+        if not step.any() and np.allclose(rotation, np.eye(3), atol=1e-12):
+            step, turn = speeds[0] * elapsed, speeds[1][2] * elapsed
+        else:
+            turn = math.atan2(rotation[1, 0], rotation[0, 0])
+        if np.isfinite(step).all() and math.isfinite(turn):
+            self.before = now
+            self.ahead += float(step[0] * math.cos(turn / 2) + step[1] * math.sin(turn / 2))
+            self.turn, self.elapsed = self.turn + turn, self.elapsed + elapsed
+            self.path_m, self.up_m = self.path_m + math.hypot(*step[:2]), self.up_m + abs(float(step[2]))
+
+    def mean(self) -> DriveCommand:
+        """Mean motion since the last call; the last one again where no message came since."""
+        if self.elapsed > 0:
+            self.last = command(self.ahead / self.elapsed, self.turn / self.elapsed)
+        self.ahead = self.turn = self.elapsed = 0.0
+        return self.last
+
+
+def pose_and_twist(message: Any) -> tuple[Floats, Floats, Floats, Floats]:
+    """Place `[3]`, rotation `[3, 3]`, linear and angular velocity `[3]`; no motion where a message has none."""
+    pose, twist = getattr(message, "pose", None), getattr(message, "twist", None)
+    pose, twist = getattr(pose, "pose", pose), getattr(twist, "twist", twist)
+    if hasattr(message, "transform"):
+        place, q = message.transform.translation, message.transform.rotation
+    else:
+        place, q = (None, None) if pose is None else (pose.position, pose.orientation)
+    vectors = [place, *((None, None) if twist is None else (twist.linear, twist.angular))]
+    at, linear, angular = (np.zeros(3) if v is None else np.array([v.x, v.y, v.z], np.float64) for v in vectors)
+    has_heading = q is not None and math.hypot(q.x, q.y, q.z, q.w) > 0
+    rotation = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix() if has_heading else np.eye(3)
+    return at, rotation, linear, angular
+
+
+def command(speed: float, turn: float) -> DriveCommand:
     if not (math.isfinite(speed) and math.isfinite(turn)):
         return STAND
     if abs(speed) < MIN_SPEED_M_PER_S:
         speed = MIN_SPEED_M_PER_S if abs(turn) > MIN_SPEED_M_PER_S else 0.0
-    return DriveCommand(speed, turn / speed if speed else 0.0)
+    return DriveCommand(float(speed), float(turn / speed) if speed else 0.0)
 
 
 def find_topics(kinds: dict[str, str], left: str | None, right: str | None, odometry: str | None) -> Topics:
     """The topics that were named, or those that can only be meant."""
     images = [topic for topic, kind in kinds.items() if kind in IMAGES]
-    moves = [topic for topic, kind in kinds.items() if kind == "nav_msgs/msg/Odometry"]
+    moves = [topic for kind in MOTIONS for topic in kinds if kinds[topic] == kind]
     for topic, known in ((left, images), (right, images), (odometry, moves)):
         if topic is not None and topic not in known:
             raise InputError(f"no topic {topic} of this kind; there are {', '.join(known) or 'none'}")
@@ -183,6 +291,43 @@ def find_topics(kinds: dict[str, str], left: str | None, right: str | None, odom
         ]
         straight = [pair for pair in pairs if "rect" in pair[0]] or pairs
         if len(straight) != 1:
-            raise InputError(f"name the left and the right topic of one stereo camera; there are {', '.join(images)}")
+            there = f"there are {', '.join(images)}" if images else "there are no images"
+            raise InputError(f"name the left and the right topic of one stereo camera; {there}")
         left, right = straight[0]
     return Topics(left, right, odometry or (moves[0] if moves else None))
+
+
+def why_few_ranges(rig: StereoRig, frames: StereoFrames, params: SearchParams) -> str:
+    """Which test of the search a pair of whole images fails, in a few words; empty where none stands out."""
+    images = [image.float().mean(1)[0] / 255 for image in frames[:2] if isinstance(image, torch.Tensor)]
+    steps = [float(image[rig.row].diff().abs().mean()) for image in images]
+    side, ratio = ("left", "right")[steps[1] < steps[0]], min(steps) / max(*steps, 1e-9)
+    if min(steps) < params.min_step_ratio / 4:
+        return f"the row of the horizon of the {side} image is black, white or plain"
+    if ratio < 0.25:
+        return f"the {side} image is blurred or dark: its steps from pixel to pixel are {ratio:.2f} of the other's"
+
+    def count(shift: int = 0, **changed: Any) -> int:
+        """Places that are found, with other parameters or another row of the right image."""
+        rows = torch.stack([image[[rig.row + down]] for image, down in zip(images, (0, shift), strict=True)])
+        return int(search_rows(rows, replace(params, **{"rows": 1, "count": rig.width} | changed)).valid.sum())
+
+    shifts = [shift for shift in range(-MOST_ROWS, MOST_ROWS + 1) if 0 <= rig.row + shift < rig.height]
+    now, best = count(), max(shifts, key=count)
+    if count(best) > max(2 * now, params.count):
+        way = "lower" if best > 0 else "higher"
+        return f"the right image is {abs(best)} rows {way} than the left one: not rectified, or by another calibration"
+    far, near = (rig.focal * rig.baseline / px for px in (params.min_disparity_px, params.max_disparity_px))
+    most = max(params.min_disparity_px + 2, min(2 * params.max_disparity_px, rig.width - 4 * params.half_width_px))
+    tests: tuple[tuple[str, Any, str], ...] = (
+        ("min_step_ratio", 0.0, "the images have too little contrast"),
+        ("min_disparity_px", 1, f"what is in view is farther than {far:.2g} m"),
+        ("max_disparity_px", most, f"what is in view is nearer than {near:.2g} m"),
+        ("uniqueness_ratio", 1.0, "what is in view looks alike at many places"),
+        ("agreement_ratio", 0.0, "the matches do not agree with those around them"),
+        ("max_difference_ratio", 1.0, "the matches differ too much"),
+    )
+    for name, value, words in tests:
+        if count(**{name: value}) > max(2 * now, params.count):
+            return words
+    return "" if now else "nothing of the left image is found in the right one"

@@ -144,20 +144,24 @@ def image_pixels(message: Any) -> torch.Tensor:
     Raises:
         InputError: an encoding that is not read, or a size that does not fit the data.
     """
-    if message.encoding not in ENCODINGS:
+    name = message.encoding.replace("16", "8")
+    if name not in ENCODINGS:
         raise InputError(f"images of encoding {message.encoding!r} are not read; {', '.join(ENCODINGS)} are")
-    channels, code = ENCODINGS[message.encoding]
-    height, width, step, data = message.height, message.width, message.step, np.asarray(message.data)
-    row = width * channels
-    if not 0 < row <= step or height < 1 or len(data) < height * step:
-        raise InputError(f"an image of {width}x{height} {message.encoding} cannot have {len(data)} bytes")
-    array = data[: height * step].reshape(height, step)[:, :row].reshape(height, width, channels)
-    if message.encoding == "mono16":
-        array = array[..., :1] if message.is_bigendian else array[..., 1:]
-    elif code is not None:
-        array = np.asarray(cv2.cvtColor(np.ascontiguousarray(array), code), np.uint8)
+    channels, code = ENCODINGS[name]
+    deep, height, step, data = name != message.encoding, message.height, message.step, np.asarray(message.data)
+    row, rows = message.width * channels * (2 if deep else 1), height * 3 // 2 if name in PLANES else height
+    if not 0 < row <= step or height < 1 or len(data) < rows * step:
+        raise InputError(f"an image of {message.width}x{height} {message.encoding} cannot have {len(data)} bytes")
+    array = data[: rows * step].reshape(rows, step)[:, :row].reshape(rows, message.width, -1)
+    if deep:  # the upper byte of each number
+        array = array[..., 0 if message.is_bigendian else 1 :: 2]
+    if code is not None:
+        array = np.atleast_3d(np.asarray(cv2.cvtColor(np.ascontiguousarray(array), code), np.uint8))
     return torch.from_numpy(np.array(array)).permute(2, 0, 1)[None]
 
+
+PLANES = ("nv12", "nv21", "i420")
+"""Encodings with the rows of both colors below those of brightness."""
 
 ENCODINGS = {
     "rgb8": (3, None),
@@ -167,7 +171,6 @@ ENCODINGS = {
     "bgra8": (4, cv2.COLOR_BGRA2RGB),
     "mono8": (1, None),
     "8UC1": (1, None),
-    "mono16": (2, None),
     "bayer_rggb8": (1, cv2.COLOR_BayerBG2RGB),
     "bayer_bggr8": (1, cv2.COLOR_BayerRG2RGB),
     "bayer_gbrg8": (1, cv2.COLOR_BayerGR2RGB),
@@ -176,5 +179,9 @@ ENCODINGS = {
     "uyvy": (2, cv2.COLOR_YUV2RGB_UYVY),
     "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUY2),
     "yuyv": (2, cv2.COLOR_YUV2RGB_YUY2),
+    "nv12": (1, cv2.COLOR_YUV2RGB_NV12),
+    "nv21": (1, cv2.COLOR_YUV2RGB_NV21),
+    "i420": (1, cv2.COLOR_YUV2RGB_I420),
 }
-"""Encodings of images that are read: bytes of a pixel, and conversion of OpenCV to red, green, blue."""
+"""Encodings of images that are read, those of 16 bits as those of 8: bytes of a pixel, and conversion of OpenCV to red,
+green, blue."""

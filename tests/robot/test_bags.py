@@ -15,10 +15,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
-from ndtorch.navigation import Body, Pose, StereoRig, cut_strips
+from ndtorch.navigation import Body, Pose, SearchParams, StereoRig, cut_strips
 from ndtorch_robot import ros_messages as ros
-from ndtorch_robot.bags import StereoBag, find_topics, motion
-from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.bags import Moves, StereoBag, find_topics, why_few_ranges
+from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.recording import make_runner, open_recording
 from tests.robot.support.cars import moving_world
 from tests.robot.support.recorded import camera_infos
@@ -93,6 +93,7 @@ def write_bag(folder, plugin, kind="raw", count=30, odometry=True, skip=(), info
 def test_a_bag_becomes_a_recording_that_replays(tmp_path, capsys, plugin, kind, single):
     bag = write_bag(tmp_path / "bag", plugin, kind, skip={(4, True), (9, False)})
     path = next(bag.glob("*.mcap")) if single else bag
+    (bag / "metadata.yaml").unlink(missing_ok=True) if plugin is not None and kind == "raw" else None
     out = tmp_path / "out.mcap"
     assert main(["import", str(path), "--out", str(out), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -170,12 +171,97 @@ def test_topics_by_name():
     assert find_topics(rectified, None, None, None) == ("/b/left/image_rect", "/b/right/image_rect", "/o")
 
 
+@pytest.mark.parametrize("kind", ["pose", "speed", "optical", "/tf"])
+def test_motion_by_odometry(kind):
+    """A circle, by poses, by speeds alone, in the axes of a camera, and in transforms."""
+    moves, (speed, curvature) = Moves(), DRIVEN
+    for n in range(5):
+        angle, time = speed * curvature * n / RATE, n / RATE
+        pose = Pose(math.sin(angle) / curvature, (1 - math.cos(angle)) / curvature, angle)
+        if kind == "/tf":
+            others = [
+                ros.transform("map", "odom", Pose(9.0, n, n), time),
+                ros.transform("base_link", "arm", pose, time),
+            ]
+            parts = [*others, ros.transform("odom", "base_footprint", pose, time)]
+            message = ros.new("tf2_msgs/msg/TFMessage", parts)
+        else:
+            message = ros.odometry(Pose(0.0, 0.0, 0.0) if kind == "speed" else pose, DRIVEN, time)
+        if kind == "optical":  # x right, y down, z ahead; the world's axes as well
+            message.child_frame_id, at, q = (
+                "left_optical_frame",
+                message.pose.pose.position,
+                message.pose.pose.orientation,
+            )
+            (at.x, at.y, at.z), (q.y, q.z) = (-at.y, 0.0, at.x), (-q.z, 0.0)
+        moves.add(message, time)
+    assert moves.mean() == pytest.approx(DRIVEN, rel=1e-3)
+    assert moves.path_m == pytest.approx(speed * 4 / RATE, rel=1e-3)
+    assert moves.up_m == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_turn_on_the_spot_turns():
     """Its command has a curvature that is finite; the heading is that of odometry."""
-    first, last = (ros.odometry(Pose(0.0, 0.0, 0.1 * n), DriveCommand(0.0, 0.0), n / RATE) for n in (0, 1))
-    speed, curvature = motion(first, last)
+    moves = Moves()
+    for n in (0, 1):
+        moves.add(ros.odometry(Pose(0.0, 0.0, 0.1 * n), DriveCommand(0.0, 0.0), n / RATE), n / RATE)
+    speed, curvature = moves.mean()
     assert speed * curvature / RATE == pytest.approx(0.1)
     assert abs(speed) < 0.01
+
+
+@pytest.mark.parametrize(("binning", "offset"), [(2, (0, 0)), (1, (40, 30)), (2, (40, 30))])
+def test_parts_of_images_have_their_own_calibration(tmp_path, binning, offset):
+    """REP 104: camera_info is of the whole sensor, of which images are a region whose pixels are joined."""
+    (cx, cy), (x, y) = SMALL_RIG.center, offset
+    sensor = StereoRig(0.12, 107.0 * binning, 400, 300, cx=cx * binning + x, cy=cy * binning + y)
+    infos = camera_infos(sensor)
+    for info in infos:
+        info.binning_x = info.binning_y = binning
+        info.roi.x_offset, info.roi.y_offset, info.roi.width, info.roi.height = x, y, 160 * binning, 120 * binning
+    rig = StereoBag(write_bag(tmp_path / "bag", StoragePlugin.SQLITE3, count=2, infos=infos)).rig
+    values = (rig.baseline, rig.focal, rig.width, rig.height, *rig.center)
+    assert values == pytest.approx((0.12, 107.0, 160, 120, cx, cy))
+
+
+def test_stamps_of_zero_other_calibrations_and_times_apart(tmp_path, capsys, monkeypatch):
+    """The times are those of recording; pairs are as near as asked for, and the reason is given where there is none."""
+    monkeypatch.setattr(ros, "stamp_seconds", lambda message: 0.0)
+    bag, rows = write_bag(tmp_path / "bag", StoragePlugin.MCAP, count=4), []
+    for n in (0, 1):
+        p = [214.0, 0, 79.5, -214 * 0.12 * n, 0, 214, 59.5, 0, 0, 0, 1, 0]
+        rows.append(f"P{n}: {' '.join(map(str, p))}\n")
+    (tmp_path / "calib.txt").write_text("".join(rows))
+    found = StereoBag(bag, calibration=(tmp_path / "calib.txt",))
+    times = [frames.time for frames, _ in found.pairs()]
+    assert (found.rig.focal, found.by_log) == (214.0, True)
+    assert times == pytest.approx([START + n / RATE for n in range(4)])
+    monkeypatch.undo()
+    arguments = ["import", str(bag), "--out", str(tmp_path / "o.mcap"), "--apart-ms", "1"]
+    assert main(arguments) == 1
+    assert "nearest are 2 ms apart, more than 1 ms" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda image: image, ""),
+        (lambda image: image.roll(2, -2), "right image is 2 rows lower"),
+        (lambda image: image * 0, "right image is black, white or plain"),
+        (lambda image: image // 8, "right image is blurred or dark"),
+        (lambda image: image.roll(12, -1), "farther than 0.75 m"),
+        (lambda image: image.roll(-19, -1), "nearer than 0.29 m"),
+    ],
+)
+def test_the_reason_for_few_ranges(change, reason):
+    """A wall .5 m ahead, 24 pixels of disparity, in images of noise."""
+    left = torch.randint(0, 256, (1, 1, 120, 200), generator=torch.Generator().manual_seed(1), dtype=torch.uint8)
+    rig, right = StereoRig(0.12, 100.0, 160, 120), left[..., 24:184]
+    params = SearchParams(min_disparity_px=16, max_disparity_px=42)
+    given = StereoFrames(left[..., :160].clone(), change(right), 0.0)
+    words = why_few_ranges(rig, given, params)
+    assert reason in words
+    assert bool(words) == bool(reason)
 
 
 @pytest.mark.parametrize("content", [b"", b"SQLite format 3\0", b"\x89MCAP0\r\n" + bytes(40)])
@@ -196,6 +282,7 @@ def test_what_is_no_bag_is_one_line(tmp_path, capsys, content, suffix):
         ("bgra8", 4, (1, 2, 3, 9), (3, 2, 1)),
         ("mono8", 1, (7,), (7,)),
         ("mono16", 2, (1, 200), (200,)),
+        ("rgb16", 6, (9, 1, 9, 2, 9, 3), (1, 2, 3)),
         ("yuv422", 2, (128, 90), (86, 86, 86)),
     ],
 )

@@ -62,6 +62,8 @@ class StereoCalibration:
         for camera in (self.left, self.right):
             if not all(np.isfinite(part).all() for part in camera):
                 raise InputError("a calibration must consist of finite numbers")
+            if camera.fisheye and camera.distortion.size != 4:
+                raise InputError(f"a fisheye lens has 4 coefficients of distortion, got {camera.distortion.size}")
             if min(matrix[i, i] for matrix in (camera.matrix, camera.projection) for i in (0, 1)) <= 0:
                 raise InputError("focal lengths must be positive")
 
@@ -145,8 +147,7 @@ def of_tables(
     both, matrices = left | right, [name for name in left if name[:1] == "P" and array(left[name]).size == 12]
     singles = [bool({"K", "k", "camera_matrix", "T_BS"} & table.keys()) for table in tables]
     if singles == [True, True] and "T_BS" not in both:
-        sizes = one_size(*map(image_size, tables))
-        return StereoCalibration(ros_camera(left, unit), ros_camera(right, unit), sizes)
+        return ros_pair(left, right, unit)
     if len(tables) == 1 and not {"R", "T", "M1"} & left.keys() and len(matrices) > max(cameras):
         first, second = (rectified_camera(array(left[matrices[n]]).reshape(3, 4), unit) for n in cameras)
         return StereoCalibration(first, second, image_size(left) if "image_width" in left else None)
@@ -194,11 +195,19 @@ def of_opencv(table: Mapping[str, Any], unit: float, given: tuple[int, int] | No
     return stereo_calibration([k1, k2], distortions, turn, shift, size)
 
 
-def ros_camera(table: Mapping[str, Any], unit: float) -> PairCamera:
-    """A camera of a camera_info message or of an ost.yaml, as binning and region of interest leave it (REP 104)."""
-    k, r, p = (array(pick(table, f"{name}_matrix", short, short.lower())) for short, name in ROS_MATRICES)
-    d = array(pick(table, "distortion_coefficients", "D", "d"))
-    return PairCamera(k.reshape(3, 3), d, r.reshape(3, 3), p.reshape(3, 4) * (1, 1, 1, unit), is_fisheye(table))
+def ros_pair(left: Mapping[str, Any], right: Mapping[str, Any], unit: float = 1.0) -> StereoCalibration:
+    """The pair of two camera_info messages or ost.yaml files, as binning and region of interest leave it (REP 104)."""
+    cameras, sizes = [], []
+    for table in (left, right):
+        k, r, p = (array(pick(table, f"{name}_matrix", short, short.lower())) for short, name in ROS_MATRICES)
+        d, region = array(pick(table, "distortion_coefficients", "D", "d")), table.get("roi") or {}
+        bins = np.array([max(1, int(table.get(f"binning_{axis}", 1))) for axis in "xy"])
+        x, y, *shape = (int(region.get(name, 0)) for name in ("x_offset", "y_offset", "width", "height"))
+        sizes.append(np.where(all(shape), shape, image_size(table)) // bins)
+        view = np.diag([*(1 / bins), 1]) @ [[1, 0, -x], [0, 1, -y], [0, 0, 1]]
+        p = p.reshape(3, 4) * (1, 1, 1, unit)
+        cameras.append(PairCamera(view @ k.reshape(3, 3), d, r.reshape(3, 3), view @ p, is_fisheye(table)))
+    return StereoCalibration(cameras[0], cameras[1], one_size(*sizes))
 
 
 def stereo_calibration(

@@ -20,7 +20,8 @@ class Import:
     """Run the navigator on the stereo bag of another robot; write frames, ranges and odometry as a recording.
 
     Reads bags of ROS 2 (sqlite3 and mcap), of ROS 1, and MCAP files, without ROS. The images are rectified by their
-    camera_info, and odometry is taken from the bag. Nothing is steered: the commands are what the navigator would want.
+    camera_info or another calibration, and the motion is that of the bag. Nothing is steered: the commands are those
+    that the navigator would give.
     """
 
     bag: Annotated[Path, tyro.conf.Positional]
@@ -32,7 +33,12 @@ class Import:
     right: str | None = None
     """Topic of the right images."""
     odometry: str | None = None
-    """Topic of the motion (default: the first one of nav_msgs/Odometry)."""
+    """Topic of the motion: Odometry, TFMessage, or a stamped pose, transform or twist (default: the first one)."""
+    calibration: tuple[Path, ...] = ()
+    """Files of the calibration of both cameras, one or two, of ROS, KITTI, EuRoC, OpenCV or Kalibr (default: the topics
+    camera_info)."""
+    apart_ms: float | None = None
+    """Most time between both images of a pair, in ms (default: a quarter of the time between frames)."""
     robot: Path | None = None
     """Robot of the bag, a file or one of robot/configs: its body and where its cameras are; calibration and rate are
     the bag's."""
@@ -47,9 +53,9 @@ class Import:
     def run(self) -> int:
         import torch
 
-        from ndtorch.navigation import Body
+        from ndtorch.navigation import Body, SearchParams
         from ndtorch.navigation.options import options_of
-        from ndtorch_robot.bags import StereoBag
+        from ndtorch_robot.bags import StereoBag, why_few_ranges
         from ndtorch_robot.config import navigation_options
         from ndtorch_robot.navigator_runner import NavigatorRunner
         from ndtorch_robot.ports import STAND, Step, print_note
@@ -64,9 +70,13 @@ class Import:
             body, cameras, options = robot.body, robot.rig, options | navigation_options(self.robot)
         if self.controller is not None:
             options["controller"] = self.controller
-        bag = StereoBag(self.bag, self.left, self.right, self.odometry, **cameras.mounting)
+        apart_s = None if self.apart_ms is None else self.apart_ms / 1000
+        left, right, odometry, where = self.left, self.right, self.odometry, cameras.mounting
+        bag = StereoBag(self.bag, left, right, odometry, self.calibration, apart_s, **where)
         if bag.topics.odometry is None:
             print_note("the bag has no odometry: the robot is taken to stand")
+        if bag.by_log:
+            print_note("stamps of the images do not increase: the times of recording are taken")
         runner = NavigatorRunner(options_of(options), bag.rig, bag.rate, None, False, body)
         ranged, began, last = 0, math.nan, math.nan
         with Recorder(self.out, runner, when_full="wait", report=print_note) as recorder, torch.inference_mode():
@@ -79,7 +89,24 @@ class Import:
                 assert runner.state is not None
                 ranged += int(runner.state.ranges.valid.sum())
                 recorder(Step(number, last, frames, driven, wanted, STAND, runner.state, restarted=anew))
-        result = {**bag.topics._asdict(), "rate_hz": round(bag.rate, 3), "ranges": ranged, **recorder.summary()}
+        if not recorder.steps:
+            ms = f"the nearest are {1000 * bag.nearest_s:.4g} ms apart, more than {1000 * bag.apart_s:.4g} ms"
+            print_note(f"no image of the left camera has one of the right: {ms}; --apart-ms takes more")
+        elif ranged < 4 * recorder.steps:
+            params = runner.navigator.ranging.search or SearchParams.for_body(bag.rig, body)
+            if reason := why_few_ranges(bag.rig, frames, params):
+                print_note(f"{ranged} ranges in {recorder.steps} pairs: {reason}")
+        if bag.topics.odometry is not None and bag.moves.path_m < 0.01:
+            print_note(f"by {bag.topics.odometry} the robot does not move")
+        elif bag.moves.up_m > bag.moves.path_m:
+            print_note(f"by {bag.topics.odometry} the robot moves up more than ahead: is its frame an optical one?")
+        result = {
+            **bag.topics._asdict(),
+            "rate_hz": round(bag.rate, 3),
+            "path_m": round(bag.moves.path_m, 3),
+            "ranges": ranged,
+            **recorder.summary(),
+        }
         words = f"{recorder.steps} pairs of {self.bag} at {bag.rate:.1f} a second, {ranged} ranges: {self.out}"
         print(json.dumps(result) if self.json else f"{words}\n  {bag.topics}")
         if recorder.failed:
