@@ -41,11 +41,11 @@ with Path(record).open("rb") as file:
             pose = told.pose.pose
             path.append((pose.position.x, pose.position.y, 2 * np.arctan2(pose.orientation.z, pose.orientation.w)))
         elif channel.topic == "/camera/left/row":
-            rows.append(np.frombuffer(bytes(told.data), np.uint8).reshape(-1, 3))
+            rows.append(np.frombuffer(bytes(told.data), np.uint16))
         else:
             scan = told
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5), layout="constrained")
-left.imshow(np.stack(rows), aspect="auto", extent=(0, len(rows[0]), 15, 0))
+left.imshow(np.stack(rows), "gray", aspect="auto", extent=(0, len(rows[0]), 15, 0))
 left.set(xlabel="column (pixels)", ylabel="time (s)", title="/camera/left/row")
 x, y, heading = np.array(path).T
 right.plot(x, y, label="/odom")

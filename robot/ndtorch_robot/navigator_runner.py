@@ -15,6 +15,7 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import Body, Command, Grid, Navigator, NavigatorState, Pose, Ranges, StereoRig
 from ndtorch.navigation.controllers.ranging._kernels import BLOCKED
+from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.local_grid import LocalGrid
 from ndtorch.navigation.localisation.ndt import to_sparse
 from ndtorch.navigation.mapping.map_files import save_map
@@ -191,8 +192,8 @@ def seen_obstacles(state: NavigatorState, navigator: Navigator) -> Ranges:
     valid = np.asarray(state.ranges.valid).reshape(-1)
     x, y = (np.asarray(part, np.float64).reshape(-1)[valid] for part in (state.ranges.x, state.ranges.y))
     grid = getattr(getattr(state.control, "reactive", state.control), "grid", None)
-    if isinstance(grid, LocalGrid):
-        params = getattr(navigator.controller.params, "reactive", navigator.controller.params).grid
+    if isinstance(grid, LocalGrid) and isinstance(navigator.controller, RangingControl):
+        params = navigator.controller.reactive.grid
         evidence = np.maximum(grid.evidence, grid.raised) if grid.raised.size else grid.evidence
         cells, side = np.nonzero(evidence >= BLOCKED), params.cell_m * navigator.unit_m
         dx, dy = ((n + len(evidence) * grid.tag[axis, n] + 0.5) * side for axis, n in enumerate(cells))

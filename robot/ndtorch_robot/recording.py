@@ -13,6 +13,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Literal, cast
 
+import numpy as np
 import torch
 import zstandard
 from mcap.records import Channel, Chunk, Message, Metadata
@@ -22,6 +23,7 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Body, Grid, Pose, Ranges, StereoRig, Strips, cut_strips
+from ndtorch.navigation.model import STATIONARY
 from ndtorch.navigation.options import options_of
 from ndtorch.utils.files import open_regular
 from ndtorch_robot import ros_messages as ros
@@ -29,7 +31,7 @@ from ndtorch_robot.navigator_runner import NavigatorRunner, seen_obstacles
 from ndtorch_robot.ports import DriveCommand, Observer, Placed, Report, Step, StereoFrames
 from ndtorch_robot.step_thread import StepThread
 
-VERSION = "3"
+VERSION = "4"
 
 HEADER, END, STEP = "ndtorch", "ndtorch end", "/ndtorch/step"
 """Names of the metadata records at both ends of a recording, and topic of what replay needs beside the images."""
@@ -42,6 +44,9 @@ FLUSH_S = 0.5
 RESERVE, MAX_BYTES, MAX_CHUNK_BYTES = 100_000_000, 2**42, 2**29
 """Bytes to leave free on the disk; most bytes of a recording, and of a record and what is compressed in it."""
 
+GREY_SCALE = 64
+"""Factor of the sums of red, green and blue, 0 to 765, in images of 16 bits, which can be looked at."""
+
 MAP_HALF_M = 10.0
 """Distance from the start to the sides of the map of a car that made none."""
 
@@ -53,7 +58,8 @@ Waiting = tuple[Step, dict[str, Tensor], Ranges | None, Pose | None]
 class Recorder(StepThread):
     """An observer that records every step into a new file, in its own thread.
 
-    Of whole frames the strips that the navigator reads are kept, lossless. It never waits, and never raises for the
+    Of whole frames what the navigator reads is kept, lossless: the sums of red, green and blue of its strips, and while
+    the car moves only the columns of the field that its controller reads. It never waits, and never raises for the
     disk: a step that finds the queue full is dropped and counted. When the disk fails, recording ends, `failed` says
     why, and driving goes on.
 
@@ -63,6 +69,7 @@ class Recorder(StepThread):
         size: steps that may wait.
         when_full: `"drop"`, or `"wait"` for a simulation, whose time stands still meanwhile.
         report: called with one line when recording ends before it should.
+        whole: keep frames as they come.
 
     Attributes:
         steps: number of steps written.
@@ -79,8 +86,9 @@ class Recorder(StepThread):
         size: int = 60,
         when_full: Literal["drop", "wait"] = "drop",
         report: Report | None = None,
+        whole: bool = False,
     ) -> None:
-        self.path, self.runner = Path(path), runner
+        self.path, self.runner, self.whole = Path(path), runner, whole
         self.steps, self.kept, self.number, self.flushed = 0, 0, 0, monotonic()
         self.channels: dict[str, int] = {}
         if self.path.suffix != ".mcap":
@@ -101,7 +109,7 @@ class Recorder(StepThread):
         super().__init__(f"recording {path}", size, when_full, report, FLUSH_S)
 
     def __call__(self, step: Step) -> None:
-        images, ranges, pose = self.images(step.frames), None, None
+        images, ranges, pose = self.images(step), None, None
         if step.state is not None:
             # Taken here: the loop goes on to change the grid.
             pose, ranges = step.state.pose, step.state.ranges
@@ -110,17 +118,30 @@ class Recorder(StepThread):
         self.number += 1
         self.put((step._replace(number=self.number - 1, state=None), images, ranges, pose))
 
-    def images(self, frames: StereoFrames | None) -> dict[str, Tensor]:
+    def images(self, step: Step) -> dict[str, Tensor]:
         """What is kept of frames, by topic: the strips, or whole images of a size that no runner reads."""
-        kept: dict[str, Tensor] = {}
-        for k, image in enumerate(() if frames is None else frames[:2]):
-            side, runner = ("left", "right")[k], self.runner
-            if runner and isinstance(image, Tensor) and image.shape[-2:] == (runner.rig.height, runner.rig.width):
+        kept, runner = dict[str, Tensor](), self.runner
+        # Where the car stands or begins anew, all of the field is read to find out what is near.
+        begins = step.number == 0 or step.restarted or step.placed is not None
+        moves = runner and not begins and abs(step.driven.speed) > STATIONARY
+        every = runner.navigator.controller.column_step if runner and moves else 1
+        for k, image in enumerate(() if step.frames is None else step.frames[:2]):
+            side = ("left", "right")[k]
+            if (
+                runner
+                and not self.whole
+                and isinstance(image, Tensor)
+                and image.shape[-2:] == (runner.rig.height, runner.rig.width)
+            ):
                 image = cut_strips(image, runner.fields[k], runner.rig)
             for name, part in (image._asdict() if isinstance(image, Strips) else {"image": image}).items():
                 if part.dtype != torch.uint8 or part.ndim != 4 or part.shape[:2] not in ((1, 1), (1, 3)):
                     kind = f"{part.dtype} {tuple(part.shape)}"
                     raise InputError(f"only single uint8 frames [1, C, H, W] with C = 1 or 3 are recorded, got {kind}")
+                if name == "field":
+                    part = part[..., ::every]
+                if name != "image" and part.shape[1] == 3:
+                    part = (part.sum(1, keepdim=True, dtype=torch.int32) * GREY_SCALE).to(torch.uint16)
                 kept[f"/camera/{side}/{name}"] = part.clone()
         return kept
 
@@ -131,6 +152,7 @@ class Recorder(StepThread):
         values = step._asdict() | {"telemetry": dict(step.telemetry), "images": list(images)}
         frames = values.pop("frames")
         values["taken"] = None if frames is None else frames.time
+        values["field_width"] = None if self.runner is None else self.runner.fields[0].size[1]
         messages = {topic: ros.image(image, topic.split("/")[2], step.time) for topic, image in images.items()}
         if ranges is not None and pose is not None:
             messages |= {"/scan": ros.laser_scan(ranges, step.time)}
@@ -197,8 +219,8 @@ class Recording:
     def steps(self) -> Iterator[Step]:
         """All steps but those that are damaged or not wholly there, without the state of the navigator.
 
-        They are numbered from 0; of whole frames there are the strips that were read, and `frames` is None where there
-        were none.
+        They are numbered from 0; of whole frames there are the strips that were read, in grey, with columns that were
+        not read like those before them. `frames` is None where there were none.
         """
         self.complete, self.missing, expected = False, 0, 0
         topics: dict[int, str] = {}
@@ -238,11 +260,25 @@ def step_of(message: Message, images: dict[str, Message]) -> Step:
                 image = images[f"/camera/{side}/{name}"]
                 if image.sequence != number:
                     raise ValueError("an image is not there")
-                parts.append(ros.image_pixels(ros.from_cdr(image.data, "sensor_msgs/msg/Image")))
+                wide = values["field_width"] if name == "field" else None
+                parts.append(pixels_of(ros.from_cdr(image.data, "sensor_msgs/msg/Image"), wide))
             pair.append(parts[0] if len(parts) == 1 else Strips(*parts))
         frames = StereoFrames(pair[0], pair[1], *finite([values["taken"]], 1))
     used, restarted, telemetry = bool(values["used"]), bool(values["restarted"]), dict(values["telemetry"])
     return Step(number, time, frames, driven, wanted, sent, None, standing, used, restarted, placed, telemetry)
+
+
+def pixels_of(message: Any, width: int | None) -> Tensor:
+    """Pixels `[1, C, H, W]` of an image of a recording, of a field of this width; of a sum three colors with it."""
+    part = ros.image_pixels(message)
+    if message.encoding == "mono16":
+        shape = part.shape[2:]
+        sums = torch.from_numpy(np.frombuffer(bytes(message.data), "<u2").reshape(shape) // GREY_SCALE).to(torch.int32)
+        part = torch.stack([(sums + rest) // 3 for rest in range(3)])[None].clamp(max=255).to(torch.uint8)
+    every = 1 if width is None else -(-width // part.shape[3])
+    if every > 8:
+        raise ValueError("a field that is too wide")
+    return part.repeat_interleave(every, 3)[..., :width]
 
 
 def finite(values: Any, count: int) -> list[float]:

@@ -130,12 +130,12 @@ def transform(parent: str, child: str, pose: Pose, time: float) -> Any:
 
 
 def image(pixels: torch.Tensor, frame: str, time: float) -> Any:
-    """`sensor_msgs/Image` of `[1, C, H, W]` uint8, C = 3 (RGB) or 1."""
+    """`sensor_msgs/Image` of `[1, C, H, W]` uint8, C = 3 (RGB) or 1, or of uint16, C = 1."""
     array = np.ascontiguousarray(pixels[0].permute(1, 2, 0).numpy())
     height, width, channels = array.shape
-    kind = "rgb8" if channels == 3 else "mono8"
-    layout = height, width, kind, 0, channels * width
-    return new("sensor_msgs/msg/Image", header(time, frame), *layout, array.reshape(-1))
+    kind = "rgb8" if channels == 3 else f"mono{8 * array.itemsize}"
+    layout = height, width, kind, 0, channels * array.itemsize * width
+    return new("sensor_msgs/msg/Image", header(time, frame), *layout, array.reshape(-1).view(np.uint8))
 
 
 def image_pixels(message: Any) -> torch.Tensor:

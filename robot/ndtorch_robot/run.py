@@ -97,11 +97,19 @@ def open_real_cameras(config: RunConfig) -> tuple[StereoCameras, StereoRig]:
 
 @contextlib.contextmanager
 def observe(
-    car: Car, name: str, record: Path | None, rrd: Path | None, view: str, report: Report, **known: Any
+    car: Car,
+    name: str,
+    record: Path | None,
+    rrd: Path | None,
+    view: str,
+    report: Report,
+    whole: bool = False,
+    **known: Any,
 ) -> Iterator[tuple[Recorder | None, View | None]]:
     """Record a car, and show it in a file or a viewer, where that is asked for.
 
     Args:
+        whole: record whole frames.
         known: `plan` and `truth` of a `View` of a simulated drive, which then waits for the disk and the viewer, so
             that nothing is left out.
     """
@@ -109,7 +117,8 @@ def observe(
     with contextlib.ExitStack() as stack:
         if record is not None:
             when_full: Literal["wait", "drop"] = "wait" if known else "drop"
-            recorder = stack.enter_context(Recorder(record, car.runner, when_full=when_full, report=report))
+            options: dict[str, Any] = {"when_full": when_full, "report": report, "whole": whole}
+            recorder = stack.enter_context(Recorder(record, car.runner, **options))
             car.observers.append(recorder)
         if rrd is not None or view:
             from ndtorch_robot.view import View, open_stream

@@ -47,6 +47,8 @@ class Import:
     published)."""
     seconds: float | None = None
     """Length of the bag that is read, in s."""
+    whole_frames: bool = False
+    """Record whole frames instead of what navigation reads of them."""
     json: bool = False
     """Print the result as one JSON object."""
 
@@ -79,7 +81,8 @@ class Import:
             print_note("stamps of the images do not increase: the times of recording are taken")
         runner = NavigatorRunner(options_of(options), bag.rig, bag.rate, None, False, body)
         ranged, began, last = 0, math.nan, math.nan
-        with Recorder(self.out, runner, when_full="wait", report=print_note) as recorder, torch.inference_mode():
+        writer = Recorder(self.out, runner, when_full="wait", report=print_note, whole=self.whole_frames)
+        with writer as recorder, torch.inference_mode():
             for number, (frames, driven) in enumerate(bag.pairs()):
                 began = frames.time if number == 0 else began
                 if self.seconds is not None and frames.time - began >= self.seconds:

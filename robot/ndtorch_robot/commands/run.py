@@ -32,6 +32,8 @@ class Run:
     """Drive off without waiting for the key."""
     record: Path | None = None
     """New file for a recording, NAME.mcap, for `ndtorch replay`, Foxglove and ROS 2."""
+    whole_frames: bool = False
+    """Record whole frames instead of what navigation reads of them."""
     save_map: Path | None = None
     """Folder for the map at the end, if navigation.map_half_size_m is above 0."""
     rrd: Path | None = None
@@ -72,7 +74,9 @@ class Run:
             car = stack.enter_context(open_car(config, report, self.go))
             stack.enter_context(emergency_stops(car.safe, car.ended))
             name = f"run {self.config.stem}"
-            recorder, view = stack.enter_context(observe(car, name, self.record, self.rrd, self.view, printed))
+            recorder, view = stack.enter_context(
+                observe(car, name, self.record, self.rrd, self.view, printed, self.whole_frames)
+            )
             if view is not None:
                 reports.append(view.report)
             car.observers.append(path)

@@ -42,7 +42,7 @@ def write(path, count=5, strips=False, channels=3, **options):
 
 def same(a, b):
     if isinstance(a, Strips):
-        return torch.equal(a.field, b.field) and torch.equal(a.row, b.row)
+        return all(torch.equal(one.sum(1), other.sum(1)) for one, other in zip(a, b, strict=True))
     return torch.equal(a, b)
 
 
