@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import sys
 from collections.abc import Collection
 from numbers import Integral, Real
 from pathlib import Path
@@ -217,4 +218,4 @@ def is_whole(value: Any) -> bool:
 
 def is_finite(value: Any) -> bool:
     """Whether it is a number that float64 can hold, and not infinity."""
-    return is_number(value) and math.isfinite(value)
+    return is_number(value) and bool(abs(value) <= sys.float_info.max)

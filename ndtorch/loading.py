@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.whole_field import PublishedModel, ScaleFreeModel
 from ndtorch.config import option_places, with_options
-from ndtorch.errors import InputError, did_you_mean
+from ndtorch.errors import LONGEST, InputError, did_you_mean
 from ndtorch.utils.packages import MODELS, folder_of
 from ndtorch.utils.toml import check, suggestion, toml_values
 
@@ -103,8 +104,10 @@ def model_folder(model: str | Path) -> Path:
     names = model_names()
     if str(model) in names:
         return folder_of("ndtorch", MODELS) / model
-    if Path(model).is_dir():
+    if os.path.isdir(model):  # noqa: PTH112 - of a name that no path can have, `Path` raises
         return Path(model)
     if isinstance(model, Path) or "/" in model:
         raise InputError(f"{model} is not a model folder")
-    raise InputError(f"model must be a folder or one of {', '.join(names)}; got {model!r}{did_you_mean(model, names)}")
+    raise InputError(
+        f"model must be a folder or one of {', '.join(names)}; got {model[:LONGEST]!r}{did_you_mean(model, names)}"
+    )

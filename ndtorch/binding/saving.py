@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import as_path
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.errors import InputError
 from ndtorch.foreground.tracker import Tracks
@@ -28,9 +29,13 @@ def save_state(state: Any, path: str | Path, about: Mapping[str, str] | None = N
     A file that was there stays until the new one is whole.
 
     Raises:
+        InputError: what is no nested tuple of tensors.
         OSError: it cannot be written.
     """
-    save_tensors({name: part.contiguous().clone() for name, part in leaves(state).items()}, path, about)
+    if not isinstance(state, tuple) or not leaves(state):
+        raise InputError(f"state must be a nested tuple of tensors, got {repr(state)[:40]}")
+    tensors = {name: part.contiguous().clone() for name, part in leaves(state).items()}
+    save_tensors(tensors, as_path("path", path), about)
 
 
 def read_about(path: str | Path) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import warnings
 from array import array
 from collections.abc import Callable, Iterable, Iterator
@@ -111,8 +112,8 @@ def open_reader(source: int | str | Path) -> tuple[Reader, str]:
     if isinstance(source, str) and "://" in source:
         return LiveReader(source), source.rstrip("/").rsplit("/", 1)[-1]
     path = Path(source)
-    if not path.exists():
-        where = "is a link to a file that is not there" if path.is_symlink() else "does not exist"
+    if not os.path.exists(path):  # noqa: PTH110 - of a name that no path can have, `Path` raises
+        where = "is a link to a file that is not there" if os.path.islink(path) else "does not exist"  # noqa: PTH114
         raise InputError(f"video {path} {where}")
     if path.is_char_device() and path.name.startswith("video"):
         return LiveReader(str(path)), path.name

@@ -162,6 +162,8 @@ def load_arrays(path: str | Path) -> dict[str, npt.NDArray[Any]]:
     """What `save_arrays` wrote."""
     try:
         with open_regular(path, ARRAY_BYTES) as opened, np.load(opened, allow_pickle=False) as file:
+            if sum(part.file_size for part in file.zip.infolist()) > ARRAY_BYTES:  # a small file may unpack to any size
+                raise InputError(f"{path} holds more than {ARRAY_BYTES} bytes")
             return {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise InputError(f"{path} is missing") from None

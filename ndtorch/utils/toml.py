@@ -18,7 +18,7 @@ from ndtorch.utils.files import read_text
 
 
 class Strict(BaseModel):
-    """A table of a file: unknown keys are errors, and so are NaN, infinity, and true where a number is wanted."""
+    """A table of a file: unknown keys are errors, and so are NaN, infinity, true and texts where a number is wanted."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -30,9 +30,9 @@ class Strict(BaseModel):
 
     @field_validator("*", mode="before")
     @classmethod
-    def check_no_truth(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse True for a number, of which pydantic makes 1."""
-        if isinstance(value, bool) and cls.model_fields[str(info.field_name)].annotation in (int, float):
+    def check_is_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse True and texts for a number, of which pydantic makes one."""
+        if isinstance(value, bool | str | bytes) and cls.model_fields[str(info.field_name)].annotation in (int, float):
             raise ValueError("should be a number")
         return value
 

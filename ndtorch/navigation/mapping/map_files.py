@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -112,7 +113,7 @@ def load_map(file: str | Path) -> SavedMap:
         InputError: there is none, it is damaged, or it is no map.
     """
     file = as_path("file", file)
-    file = file / "map.npz" if file.is_dir() else file
+    file = file / "map.npz" if os.path.isdir(file) else file  # noqa: PTH112 - `Path` raises for names too long
     found = load_arrays(file)
     try:
         cells, bounds, cell = found["cells"], found["bounds"], float(found["cell"])
