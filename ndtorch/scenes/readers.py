@@ -271,19 +271,23 @@ class LiveReader(Reader):
 
 @contextlib.contextmanager
 def quiet_opencv() -> Iterator[None]:
-    """Keep OpenCV's own messages off stderr: an `InputError` says what went wrong.
+    """Keep the messages of OpenCV, 5 and later, off stderr: an `InputError` says what went wrong.
 
     FFmpeg inside OpenCV takes its level from the environment once, as the first video is opened.
     """
     import cv2
 
-    level = cv2.utils.logging.getLogLevel()
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    logger = getattr(cv2.utils, "logging", None)
+    if logger is None:
+        yield
+        return
+    level = logger.getLogLevel()
+    logger.setLogLevel(logger.LOG_LEVEL_SILENT)
     try:
         yield
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        logger.setLogLevel(level)
 
 
 def open_capture(source: int | str) -> Any:
