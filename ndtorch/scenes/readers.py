@@ -8,20 +8,26 @@ import os
 import re
 import time
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from configparser import ConfigParser
+from configparser import Error as ConfigParserError
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ndtorch.errors import InputError
+from ndtorch.utils.files import read_text
 
 MOST_PIXELS, LONGEST = 2**26, 2**15
 """Pixels of the largest picture that is decoded, and of its longest side: a small file may claim any size."""
 PACKETS = 20_000
 """Number of packets whose time stamps give the rate of a file."""
-RAW_FPS, FOLDER_FPS, BELIEVED = 25.0, 30.0, 240.0
-"""Rates of films without time stamps and of folders; the largest declared rate that counts without time stamps."""
+RAW_FPS, FOLDER_FPS, BELIEVED, FASTEST = 25.0, 30.0, 240.0, 10_000.0
+"""Rates of films without time stamps and of folders; the largest declared rate that counts without time stamps, and at
+all, Hz."""
 SILENCE_S = 10.0
 """Seconds without a frame after which a stream has ended."""
 FIRST_FRAMES, FIRST_S = 30, 1.5
@@ -38,8 +44,9 @@ FORMATS = (
 """Formats of an address that hold pictures themselves. Playlists (HLS, DASH, concat) name further addresses."""
 ARRIVAL = ("mpjpeg", "mjpeg", "h264", "hevc", "image2pipe", "jpeg_pipe", "m4v")
 """Formats without time stamps: frames get the time at which they arrive."""
-DEPTH_AND_COLOR = 2 | 4
-"""`cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR`: depth and channels as they are, turned upright, no transparency."""
+DEPTH_AND_COLOR, UNCHANGED = 2 | 4, -1
+"""`cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR`: depth and channels as they are, turned upright, no transparency; and
+`cv2.IMREAD_UNCHANGED`, with it."""
 
 Image = np.ndarray[Any, np.dtype[Any]]
 """`[H, W, 3]` in blue, green, red, or `[H, W]` in grey; uint8, or what the file has where it has more."""
@@ -143,21 +150,32 @@ class FileReader(Reader):
 
 
 class ImagesReader(Reader):
-    """The images of a folder in natural order (2.png before 10.png).
+    """The images of a folder in natural order (2.png before 10.png), or of a sequence of MOTChallenge.
 
-    Hidden files are left out. Images have no time stamps: a constant rate is assumed, and noted.
+    Hidden files are left out. Names that are decimal numbers are times in seconds; otherwise a constant rate is
+    assumed, and noted, where no seqinfo.ini says it. What is transparent shows a plain grey ground.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.fps, self.files = path, FOLDER_FPS, image_files(path)
+        import cv2
+
+        folder, rate = mot_sequence(path)
+        self.path, self.fps, self.transparent = path, rate or FOLDER_FPS, False
+        self.files, self.notes = image_files(folder)
+        self.stamps = times_in(self.files)
         self.count, self.names = len(self.files), [file.name for file in self.files]
+        with quiet_opencv(), contextlib.suppress(cv2.error):
+            whole = cv2.imread(str(self.files[0]), UNCHANGED)
+            self.transparent = whole is not None and whole.ndim == 3 and whole.shape[2] == 4
         first = self.image(0)
         self.size, self.stretch = (first.shape[0], first.shape[1]), find_stretch(first)
-        assumed = f"at an assumed {FOLDER_FPS:g} a second; --fps changes that"
-        self.notes = [f"{path.name}: {self.count} images {assumed}"]
+        words = "by seqinfo.ini" if rate else "at an assumed"
+        if self.stamps:
+            self.timed, self.fps, words = True, rate_of(self.stamps, ()), "by their names"
+        self.notes.append(f"{path.name}: {self.count} images {words} {self.fps:g} a second; --fps changes that")
 
     def image(self, number: int) -> Image:
-        """The image of that number, upright, without transparency; grey stays `[H, W]`, depth stays.
+        """The image of that number, upright, what is transparent over grey; grey stays `[H, W]`, depth stays.
 
         Raises:
             InputError: an image that cannot be decoded, or is of another size than the first.
@@ -166,7 +184,11 @@ class ImagesReader(Reader):
 
         path, image = self.files[number], None
         with quiet_opencv(), contextlib.suppress(cv2.error):
-            image = cv2.imread(str(path), DEPTH_AND_COLOR)
+            image = cv2.imread(str(path), UNCHANGED if self.transparent else DEPTH_AND_COLOR)
+        if image is not None and image.ndim == 3 and image.shape[2] == 4:
+            ground = 0.5 if image.dtype.kind == "f" else 127.5 if image.dtype == np.uint8 else 32767.5
+            opaque = image[..., 3:] / (2.0 * ground)
+            image = (image[..., :3] * opaque + ground * (1 - opaque)).astype(image.dtype)
         if image is None:
             raise InputError(f"image {path} cannot be read: damaged, too large or not an image")
         if number and image.shape[:2] != self.size:
@@ -179,7 +201,7 @@ class ImagesReader(Reader):
 
     def read(self) -> Iterator[StampedFrame]:
         for number in range(self.count or 0):
-            yield StampedFrame(self.image(number), number / self.fps)
+            yield StampedFrame(self.image(number), self.stamps[number] if self.stamps else number / self.fps)
 
 
 class LiveReader(Reader):
@@ -415,23 +437,59 @@ def pixels(frame: Any) -> Image:
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 
 
-def image_files(folder: Path) -> list[Path]:
-    """The images of a folder in natural order, without hidden files.
+def image_files(folder: Path) -> tuple[list[Path], list[str]]:
+    """The images of a folder in natural order, one a name, without hidden files, and remarks.
 
     Raises:
-        InputError: it holds none, or one that is no regular file.
+        InputError: it holds none.
     """
-    files = [path for path in folder.iterdir() if not path.is_dir() and not path.name.startswith(".")]
-    images = [path for path in files if path.suffix.lower() in IMAGE_SUFFIXES]
+    files = [path for path in folder.iterdir() if not path.name.startswith(".")]
+    images = [path for path in files if path.suffix.lower() in IMAGE_SUFFIXES and not path.is_dir()]
     if not images:
         films = sorted(path.name for path in files if path.suffix.lower() in VIDEO_SUFFIXES)
-        hint = f"; it holds videos: name one of them, as {films[0]}" if films else ""
+        inner = sorted(path.name for path in files if path.is_dir())
+        hint = f"; it holds {'videos' if films else 'folders'}: name one of them, as {(films or inner or [''])[0]}"
+        hint = hint if films or inner else ""
         raise InputError(f"folder {folder} holds no images ({', '.join(IMAGE_SUFFIXES)}){hint}")
+    kinds = Counter(path.suffix.lower() for path in images)
+    images.sort(key=lambda path: (-kinds[path.suffix.lower()], IMAGE_SUFFIXES.index(path.suffix.lower())))
+    chosen = {path.stem: path for path in reversed(images)}
+    notes = []
+    if len(chosen) < len(images):
+        rest = len(images) - len(chosen)
+        notes = [f"{folder.name}: {rest} images left out beside others of their names, which are {images[0].suffix}"]
 
     def natural(path: Path) -> list[tuple[int, str]]:
-        return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name.lower())]
+        return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name.lower())]
 
-    return sorted(images, key=natural)
+    found = sorted(chosen.values(), key=natural)
+    by_time = sorted(found, key=lambda path: float(path.stem)) if all(map(DECIMAL.fullmatch, chosen)) else []
+    return by_time if times_in(by_time) else found, notes
+
+
+DECIMAL = re.compile(r"\d{1,12}(\.\d{1,12})?")
+
+
+def times_in(files: Sequence[Path]) -> list[float]:
+    """Times in seconds that are the names of images, in this order: increasing decimal numbers. Nothing for others."""
+    names = [file.stem for file in files]
+    if not any("." in name for name in names) or not all(map(DECIMAL.fullmatch, names)):
+        return []
+    times = [float(name) for name in names]
+    return times if all(before < after for before, after in pairwise(times)) else []
+
+
+def mot_sequence(folder: Path) -> tuple[Path, float | None]:
+    """The images of a sequence of MOTChallenge, and its rate by seqinfo.ini; another folder as it is, and None."""
+    for parent in (folder, folder.resolve().parent):
+        parser = ConfigParser(interpolation=None)
+        with contextlib.suppress(OSError, ValueError, LookupError, ConfigParserError):
+            parser.read_string(read_text(parent / "seqinfo.ini"))
+            table = parser["Sequence"]
+            rate, images = float(table["frameRate"]), parent / Path(table.get("imDir", "img1")).name
+            if images.is_dir() and 0 < rate <= FASTEST and folder.resolve() in (parent.resolve(), images.resolve()):
+                return images, rate
+    return folder, None
 
 
 def rate_of(stamps: Sequence[float], declared: Iterable[float]) -> float:
@@ -449,7 +507,8 @@ def rate_of(stamps: Sequence[float], declared: Iterable[float]) -> float:
     if len(steps) == 0:
         return 0.0
     middle = float(np.median(steps))
-    rate = 1 / float(steps[np.abs(steps - middle) <= max(0.25 * middle, 0.0011)].mean())
+    usual = steps[np.abs(steps - middle) <= max(0.25 * middle, 0.0011)]
+    rate = 1 / float(usual.mean() if len(usual) else middle)
     return next((one for one in declared if abs(one - rate) <= 0.02 * rate), rate)
 
 

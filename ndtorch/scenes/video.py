@@ -20,6 +20,7 @@ from ndtorch.arguments import check_size, is_finite, is_whole
 from ndtorch.errors import InputError
 from ndtorch.scenes.base import FrameSource, PixelMap, SourceFrames, check_chunks
 from ndtorch.scenes.readers import (
+    FASTEST,
     IMAGE_SUFFIXES,
     FileReader,
     Image,
@@ -31,8 +32,6 @@ from ndtorch.scenes.readers import (
 
 log = logging.getLogger(__name__)
 Fit = Literal["crop", "stretch", "reduce"]
-FASTEST = 10_000.0
-"""Largest rate of frames that a source may declare, Hz."""
 JUMP_S, JUMP_INTERVALS, BACK_S = 10.0, 50, 1.0
 """Seconds, and frame intervals, between two frames that are a gap in the recording; seconds back that begin another."""
 
@@ -83,7 +82,7 @@ def open_video(
     try:
         if fps is not None:
             reader.timed = False
-            reader.fps, reader.notes = fps, [line for line in reader.notes if "assumed" not in line]
+            reader.fps, reader.notes = fps, [line for line in reader.notes if "--fps" not in line]
         elif not 0 < reader.fps <= FASTEST:
             raise InputError(f"fps must be given for {source}, which declares {reader.fps:g} frames per second")
         if reader.count is not None and max(first + 1, stop or 0) > reader.count:

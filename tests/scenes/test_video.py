@@ -67,6 +67,37 @@ def test_folder_in_natural_order(tmp_path: Path) -> None:
     assert next(iter(open_video(str(tmp_path), (20, 20), start=1, fps=5).chunks()))[0, 0, 0, 0] == 90
 
 
+@pytest.mark.parametrize(
+    ("names", "order", "rate"),
+    [
+        (("0.1.png", "0.033.png", "0.067.png"), (1, 2, 0), 1 / 0.0335),
+        (("1.1.png", "1.10.png", "2.1.png"), (0, 1, 2), 30.0),
+        (("f0.jpg", "f0.png", "f1.png"), (1, 2), 30.0),
+        (("seqinfo.ini", "img1/1.jpg", "img1/10.jpg", "img1/2.jpg"), (1, 3, 2), 14.0),
+    ],
+)
+def test_folders_by_time_one_a_name_and_of_motchallenge(
+    tmp_path: Path, names: tuple[str, ...], order: tuple[int, ...], rate: float
+) -> None:
+    (tmp_path / "img1").mkdir()
+    for n, name in enumerate(names):
+        if name.endswith(".ini"):
+            (tmp_path / name).write_text("[Sequence]\nimDir=img1\nframeRate=14\n")
+        else:
+            cv2.imwrite(str(tmp_path / name), np.full((40, 60, 3), 20 * n, np.uint8))
+    with open_video(tmp_path, (20, 20)) as video:
+        assert next(iter(video.chunks()))[:, 0, 5, 5].tolist() == [20 * n for n in order]
+        assert video.fps == pytest.approx(rate)
+
+
+def test_what_is_transparent_shows_a_plain_ground(tmp_path: Path) -> None:
+    image = np.zeros((40, 60, 4), np.uint8)
+    image[:20] = (0, 0, 0, 255)
+    cv2.imwrite(str(tmp_path / "0.png"), image)
+    frame = next(iter(open_video(tmp_path, (40, 60)).chunks()))[0]
+    assert frame[:, [5, 35], 30].tolist() == [[0, 127]] * 3
+
+
 def test_grey_images_are_copied_into_three_planes_and_say_so(tmp_path: Path) -> None:
     for n in range(3):
         cv2.imwrite(str(tmp_path / f"{n}.png"), np.full((30, 30), 50 + n, np.uint8))
