@@ -22,7 +22,6 @@ CASES = {
     "Commands and options": """
         bnid two-bars
         bindd two-bars => did you mean bind?
-        bind two-bars extra
         bind two-bars --modle published => did you mean --model?
         bind two-bars --seconds
         bind two-bars --seconds -3

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from ndtorch.binding import BindingModel
+from ndtorch.report.summary import words
 from ndtorch.report.tracks import TrackRecord
 from ndtorch.run.result import Placed, Watcher
 from ndtorch.vision.features import FEATURES
@@ -137,15 +139,21 @@ FORMATS: dict[str, Callable[[TrackRecord, Path], None]] = {
 class ResponseFile(Watcher):
     """responses.parquet: time, ten inputs, ten outputs and, once a chunk of frames, weights `[100]`, row after row.
 
-    For models over the whole field; it needs pyarrow.
+    With many receptive fields, inputs and outputs are the largest of all. It needs pyarrow.
+
+    Args:
+        model: whose objects at the end of each chunk are columns too: count, confidence and objects.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, model: BindingModel | None = None) -> None:
         import pyarrow
         import pyarrow.parquet
 
         single, names = pyarrow.float32(), [name.replace("°", "deg") for name in FEATURES]
         fields = [(f"{kind}_{name}", single) for kind in ("input", "output") for name in names]
+        known = [("count", pyarrow.int32()), ("confidence", pyarrow.float64()), ("objects", pyarrow.string())]
+        fields += known if model is not None else []
+        self.model = model
         self.schema = pyarrow.schema([("time", pyarrow.float64()), *fields, ("weights", pyarrow.list_(single, 100))])
         self.writer = pyarrow.parquet.ParquetWriter(path, self.schema)
 
@@ -154,8 +162,14 @@ class ResponseFile(Watcher):
 
         if steps := len(signals.time):
             columns = [signals.time.cpu().double().numpy()]
-            for values in (signals.inputs, signals.outputs):
-                columns += list(values.cpu().float().numpy().T)
+            for values in (getattr(signals, "inputs", None), signals.outputs):
+                each = signals.fields if values is None else values
+                whole = each if each.ndim == 2 else each.flatten(1, -2).amax(1)
+                columns += list(whole.cpu().float().numpy().T)
+            if self.model is not None:
+                objects = self.model.visible_objects(state)
+                text = "; ".join(map(words, objects))
+                columns += [[one] * steps for one in (len(objects), self.model.confidence(state), text)]
             read = [None] * (steps - 1) + [weights.cpu().float().flatten().tolist()]
             self.writer.write_table(pyarrow.table([*columns, read], schema=self.schema))
 

@@ -20,7 +20,7 @@ REFUSED = 2
 """The exit code with which tyro refuses arguments."""
 
 METAVARS = {
-    "source": "SOURCE",
+    "sources": "SOURCE",
     "config": "CONFIG",
     **dict.fromkeys(("out", "resume", "folder", "save_map"), "DIR"),
     **dict.fromkeys(("seconds", "settle", "start_seconds"), "SECONDS"),

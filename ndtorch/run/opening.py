@@ -25,6 +25,7 @@ from ndtorch.run.options import (
     default_model,
     flag,
     given,
+    values_of,
 )
 from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.named import SECONDS
@@ -96,6 +97,10 @@ def prepare(job: BindJob) -> Prepared:
     options = given(job, *MODEL_OPTIONS)
     if kind not in CAMERA_MODELS:
         options["border"] = "wrap" if job.source in SCENES else "reflect"
+    own = values_of(job.set)
+    if not_set := own.keys() & {"size", "fps", "model", "backend", "first_stage"}:
+        raise InputError(f"--set has keys of config.toml but model, size and fps; got {not_set.pop()}")
+    options |= own
     model = load(model_name, size=source.size, fps=source.fps, **options).to(device)
     state = None
     if kept.resume is not None:

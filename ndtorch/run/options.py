@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import tyro
+
+from ndtorch.errors import InputError
 from ndtorch.scenes.named import SCENES
 
 DEFAULT_SOURCE = "two-bars"
@@ -13,11 +18,9 @@ CAMERA_SECONDS = 30.0
 
 
 @dataclass(frozen=True)
-class BindJob:
-    """What to run. None leaves the default."""
+class BindOptions:
+    """How to run. None leaves the default."""
 
-    source: str = DEFAULT_SOURCE
-    """Scene, file, folder, camera or address."""
     model: str | None = None
     """Model: published, scale-free, retinotopic, foreground, or a folder (default: scale-free for scenes, foreground
     for files, folders, cameras and streams)."""
@@ -33,6 +36,8 @@ class BindJob:
     """High-pass of published: before group normalisation (filter-first, default) or after it (printed)."""
     settle: float | None = None
     """Time before learning starts, s (default 4 for published, 0.5 for scale-free)."""
+    set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Value of a key of the model's config.toml, as network.gamma=0.3; any number of times."""
     seed: int | None = None
     """Scenes: seed of the random shadow."""
     fps: float | None = None
@@ -53,19 +58,27 @@ class BindJob:
     """Result folder of an earlier run to go on from, with its model and source."""
 
 
+@dataclass(frozen=True)
+class BindJob(BindOptions):
+    """What to run, and how."""
+
+    source: str = DEFAULT_SOURCE
+    """Scene, file, folder, camera or address."""
+
+
 MODEL_OPTIONS = ("rule", "order", "gamma", "settle")
 """Options that go into the model's own constants."""
 
-FIXED = ("phase", "order", "settle", "seed", "fps", "start", "every", "fit")
+FIXED = ("phase", "order", "settle", "set", "seed", "fps", "start", "every", "fit")
 """Options that cannot change when a run is resumed."""
 
 OWN = ("seconds", "stop", "device", "pictures", "gamma", "rule", "resume")
 """Options that a resumed run takes from its own command line."""
 
 
-def given(job: BindJob, *names: str) -> dict[str, Any]:
+def given(job: BindOptions, *names: str) -> dict[str, Any]:
     """Those of the options that were given."""
-    return {name: value for name in names if (value := getattr(job, name)) is not None}
+    return {name: value for name in names if (value := getattr(job, name)) not in (None, ())}
 
 
 def flag(name: str) -> str:
@@ -76,3 +89,17 @@ def flag(name: str) -> str:
 def default_model(source: str) -> str:
     """The model for a source when none is asked for: scale-free for scenes, foreground for everything else."""
     return "scale-free" if source in SCENES else "foreground"
+
+
+def values_of(settings: Iterable[str]) -> dict[str, Any]:
+    """Values by key, of `network.gamma=0.3`: as in TOML, or else a string."""
+    values = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not (key and equals):
+            raise InputError(f"--set takes KEY=VALUE, as network.gamma=0.3; got {setting!r}")
+        try:
+            values[key.strip()] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            values[key.strip()] = text
+    return values

@@ -26,7 +26,7 @@ def run_model(
     start: int = 0,
     pictures_per_second: float | None = None,
     watchers: Sequence[Watcher] = (),
-    report: Callable[[int], None] | None = None,
+    report: Callable[[int], object] | None = None,
     device: torch.device | str = "cpu",
     most: int | None = None,
 ) -> RunResult:

@@ -1,0 +1,311 @@
+"""Runs of a binding model over one source, or over many: folders, a merged table, an index page, and what is done."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from ndtorch.errors import InputError
+from ndtorch.run.folder import UNFINISHED, RunFolder, make_writable
+from ndtorch.run.options import BindJob, BindOptions, given
+from ndtorch.run.result import RunResult, Watcher
+from ndtorch.scenes.named import SCENES
+from ndtorch.scenes.readers import IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from ndtorch.utils.files import read_text, replacing, write_text
+from ndtorch.utils.workers import run_tasks
+
+INDEX, RECORD, RESPONSES = "index.html", "runs.jsonl", "responses.parquet"
+
+
+def bind_source(
+    job: BindJob,
+    out: Path,
+    name: str | None = None,
+    *,
+    force: bool = False,
+    tabled: bool = False,
+    begin: Callable[[str, int | None], Callable[[int], object]] | None = None,
+) -> tuple[RunResult, dict[str, Any], list[Path]]:
+    """Run a model over a source and write everything into a folder, or nothing if it fails.
+
+    Args:
+        out, name: the run gets a folder of that name in `out`; without a name, named after its source.
+        force: replace files that are there; else the folder gets a number.
+        tabled: write responses.parquet of every model, with its objects over time.
+        begin: called with the model in words and the number of frames; returns what is called for each chunk.
+
+    Returns:
+        The result, the contents of objects.json, and the files.
+    """
+    from ndtorch.binding.models.whole_field import WholeFieldModel
+    from ndtorch.report.exports import ResponseFile
+    from ndtorch.report.films import EnhancedVideo, Film
+    from ndtorch.report.page import folder_name, write_result
+    from ndtorch.run.opening import prepare
+    from ndtorch.run.run import picture_interval, run_model
+
+    prepared = prepare(job)
+    source, model = prepared.source, prepared.model
+    folder = RunFolder(out / (name or folder_name(source.name)), force)
+    work, film = folder.work, None
+    watchers: list[Watcher] = []
+    try:
+        if tabled or (isinstance(model, WholeFieldModel) and find_spec("pyarrow") is not None):
+            watchers.append(ResponseFile(work / RESPONSES, model if tabled else None))
+        interval = picture_interval(model, source, job.pictures)
+        if interval:
+            rate = source.fps / interval
+            if model.tracks:
+                film = Film(work / "frames.mp4", rate, source.full_size)
+            watchers.append(film or EnhancedVideo(work / "enhanced.mp4", rate, source.size))
+        lengths = [source.length and source.length - prepared.start, prepared.most]
+        total = min((one for one in lengths if one is not None), default=None)
+        report = begin and begin(prepared.chosen, total)
+        run = (model, source, prepared.state, prepared.start, job.pictures, watchers, report, job.device, prepared.most)
+        result = run_model(*run)
+        for watcher in watchers:
+            watcher.close()
+        found = write_result(result, prepared.about, work, prepared.chosen, film)
+    except BaseException:
+        folder.discard()
+        raise
+    return result, found, folder.publish()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a source.
+
+    Attributes:
+        source: as it was named.
+        folder: name of its folder, in that of all.
+        error: why it was left out; empty if it was not.
+        model: name of the model.
+        objects: each in words.
+        verdict, confidence: of the model at the end.
+        seconds, wall_seconds: of the source, and how long they took.
+    """
+
+    source: str
+    folder: str = ""
+    error: str = ""
+    model: str = ""
+    objects: tuple[str, ...] = ()
+    verdict: str = ""
+    confidence: float | None = None
+    seconds: float = 0.0
+    wall_seconds: float = 0.0
+
+
+def expanded(sources: Iterable[str]) -> list[str]:
+    """Sources, each once; a folder without images of its own stands for the films and folders of images in it."""
+
+    def has_images(folder: Path) -> bool:
+        return any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
+
+    every = dict[str, None]()
+    for source in sources:
+        folder = Path(source)
+        inner = sorted(folder.iterdir()) if source not in SCENES and folder.is_dir() and not has_images(folder) else []
+        films = [
+            str(path) for path in inner if path.suffix.lower() in VIDEO_SUFFIXES or (path.is_dir() and has_images(path))
+        ]
+        every |= dict.fromkeys(films or [source])
+    return list(every)
+
+
+def bind_sources(
+    sources: Sequence[str],
+    folder: str | Path,
+    options: BindOptions | None = None,
+    *,
+    jobs: int = 1,
+    weights: bool = False,
+    again: bool = False,
+    report: Callable[[Outcome], object] | None = None,
+) -> list[Outcome]:
+    """Run a binding model over many sources, one after the other or side by side, and merge what they give.
+
+    The folder gets a folder for each source, `responses.parquet` and `responses.csv` with the time courses of all,
+    `index.html`, and `runs.jsonl`, by which a second call with the same options skips what is finished. A source that
+    cannot be used is left out. After Ctrl-C the tables hold what was finished.
+
+    Args:
+        sources: scenes, files, folders, cameras; a folder of films stands for all of them.
+        options: of every run.
+        jobs: processes; with more than one, a script needs `if __name__ == "__main__":`.
+        weights: whether the tables have the 100 weights, once a chunk of frames.
+        again: run what is finished too.
+        report: called with every outcome as it comes.
+
+    Returns:
+        What became of each source, in their order; some are missing after Ctrl-C.
+
+    Raises:
+        InputError: no source, or a folder that cannot be written.
+    """
+    import pyarrow  # noqa: F401  found missing before any time is spent
+
+    options, folder, names = options or BindOptions(), Path(folder), expanded(sources)
+    if not names:
+        raise InputError("sources must be one or more")
+    if options.resume is not None:
+        raise InputError("--resume continues a run of one source; of several, repeat the command")
+    make_writable(folder)
+    base = given(options, *asdict(options))
+    keys = [json.dumps({**base, "source": name, "file": stamp(name)}, default=str) for name in names]
+    record = read_record(folder / RECORD)
+    outcomes, tasks = dict[str, Outcome](), list[tuple[int, BindJob, Path]]()
+    used = {one.folder for one in record.values()}
+    for number, (name, key) in enumerate(zip(names, keys, strict=True)):
+        if key in record and (folder / record[key].folder / RESPONSES).is_file() and not again:
+            outcomes[name] = record[key]
+        else:
+            if key in record:
+                shutil.rmtree(folder / record[key].folder, ignore_errors=True)
+                used.discard(record[key].folder)
+            tasks.append((number, BindJob(**vars(options), source=name), free_folder(folder, name, used)))
+
+    def tell(outcome: Outcome) -> None:
+        if report is not None:
+            report(outcome)
+
+    def keep(number: int, outcome: Outcome) -> None:
+        outcomes[names[number]] = outcome
+        if not outcome.error:
+            with (folder / RECORD).open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"key": keys[number], **asdict(outcome)}) + "\n")
+
+    try:
+        for outcome in outcomes.values():
+            tell(outcome)
+        for number, outcome in run_each(tasks, jobs):
+            keep(number, outcome)
+            tell(outcome)
+    finally:
+        done = [outcomes[name] for name in names if name in outcomes]
+        write_tables([one for one in done if not one.error], folder, weights)
+        write_index(done, len(names), folder)
+    return done
+
+
+def run_each(tasks: Sequence[tuple[int, BindJob, Path]], jobs: int) -> Iterator[tuple[int, Outcome]]:
+    """The outcome of every task as it comes, with the number of its source."""
+    if jobs == 1:
+        for number, job, folder in tasks:
+            yield number, run_one((job, folder))
+        return
+    for event in run_tasks(run_one, [task[1:] for task in tasks], jobs):
+        number, job, folder = tasks[event.task]
+        yield number, event.value if event.kind == "done" else Outcome(job.source, error=str(event.value))
+
+
+def run_one(task: tuple[BindJob, Path]) -> Outcome:
+    """Run one source; whatever is wrong with it is its error."""
+    import torch
+
+    from ndtorch.report.summary import words
+
+    torch.set_num_threads(1)
+    job, folder = task
+    try:
+        result, _, _ = bind_source(job, folder.parent, folder.name, tabled=True)
+    except Exception as error:  # a fault in one source is no reason to lose the others
+        text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+        return Outcome(job.source, error=text)
+    if result.interrupted:
+        shutil.rmtree(folder)
+        raise KeyboardInterrupt
+    objects = tuple(map(words, result.objects))
+    state = (result.verdict, result.confidence, result.simulated_seconds, result.wall_seconds)
+    return Outcome(job.source, folder.name, "", result.model.name, objects, *state)
+
+
+def stamp(source: str) -> list[int]:
+    """Size and time of change of a file or folder: another file of the same name is another source."""
+    path = Path(source)
+    state = path.stat() if source not in SCENES and path.exists() else None
+    return [] if state is None else [state.st_size, state.st_mtime_ns]
+
+
+def read_record(path: Path) -> dict[str, Outcome]:
+    """Finished runs by what was asked for; a line that was cut off is left out."""
+    found = dict[str, Outcome]()
+    for line in read_text(path, 1 << 26).splitlines() if path.is_file() else ():
+        try:
+            row = json.loads(line)
+            key = row.pop("key")
+            found[key] = Outcome(**row | {"objects": tuple(row["objects"])})
+        except (ValueError, TypeError, KeyError, AttributeError):
+            continue
+    return found
+
+
+def free_folder(folder: Path, source: str, used: set[str]) -> Path:
+    """A folder for a source: new, or with nothing but what a run that was stopped left; it is cleared."""
+    from ndtorch.report.page import folder_name
+
+    stem = folder_name(source if source in SCENES or "://" in source else Path(source).stem)
+    for number in count(1):
+        name = stem if number == 1 else f"{stem}-{number}"
+        there = [path.name for path in (folder / name).iterdir()] if (folder / name).is_dir() else []
+        if name not in used and set(there) <= {UNFINISHED}:
+            used.add(name)
+            shutil.rmtree(folder / name, ignore_errors=True)
+            return folder / name
+    raise AssertionError("there is always one more number")
+
+
+def write_tables(outcomes: Sequence[Outcome], folder: Path, weights: bool) -> None:
+    """responses.parquet and responses.csv: the rows of every run below one another, with their source."""
+    import pyarrow
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    from ndtorch.vision import FEATURES
+
+    names = [name.replace("°", "deg") for name in FEATURES]
+    pairs = [f"weight_{name}_from_{other}" for name in names for other in names]
+    writers: list[Any] = []
+    with replacing(folder / RESPONSES) as table_part, replacing(folder / "responses.csv") as csv_part:
+        for one in outcomes:
+            table = pyarrow.parquet.read_table(folder / one.folder / RESPONSES)
+            rows = table.column("weights").to_pylist() if weights else []
+            table = table.drop_columns(["weights"])
+            table = table.add_column(0, "source", pyarrow.array([one.source] * len(table), pyarrow.string()))
+            for k, name in enumerate(pairs if weights else ()):
+                column = pyarrow.array([None if row is None else row[k] for row in rows], pyarrow.float32())
+                table = table.append_column(name, column)
+            if not writers:
+                writers = [
+                    pyarrow.parquet.ParquetWriter(table_part, table.schema),
+                    pyarrow.csv.CSVWriter(csv_part, table.schema),
+                ]
+            for writer in writers:
+                writer.write_table(table)
+        for writer in writers:
+            writer.close()
+        if not writers:
+            table_part.touch()
+            csv_part.touch()
+
+
+def write_index(outcomes: Sequence[Outcome], sources: int, folder: Path) -> None:
+    """index.html: a row a source, with a link to its report."""
+    from ndtorch.report.page import command_line, render, versions
+
+    done = sum(not one.error for one in outcomes)
+    page = render(
+        "index.html",
+        title=f"{done} of {sources} sources",
+        outcomes=outcomes,
+        command=command_line(),
+        facts=versions(),
+    )
+    write_text(folder / INDEX, page)
