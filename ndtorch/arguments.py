@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 import math
 import os
 import sys
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Self, TypeVar, get_args
 
 import torch
 from torch import Tensor, nn
@@ -78,6 +80,42 @@ def kernels_wanted(*tensors: Tensor, backend: Backend = "auto") -> bool:
     if backend == "numba" and not possible:
         raise InputError("backend='numba' needs tensors on the CPU that need no gradient")
     return possible
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def without_autocast(function: Function) -> Function:
+    """Decorator of a method: `torch.autocast` is off inside, so it computes in the precision of its inputs."""
+
+    @functools.wraps(function)
+    def call(*args: Any, **options: Any) -> Any:
+        devices = [kind for kind in ("cpu", "cuda") if torch.is_autocast_enabled(kind)]
+        if not devices:
+            return function(*args, **options)
+        with contextlib.ExitStack() as stack:
+            for kind in devices:
+                stack.enter_context(torch.autocast(kind, enabled=False))
+            return function(*args, **options)
+
+    return call  # type: ignore[return-value]
+
+
+class FullPrecision(nn.Module):
+    """A module of single or double precision.
+
+    Raises:
+        InputError: conversion to another type (`half`, `to`, `type`), also of a module around it. In half precision
+            sums over an image and small weights are nothing.
+    """
+
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
+        made = fn(torch.zeros(1)).dtype
+        if made not in USUAL:
+            name = getattr(self, "name", type(self).__name__)
+            raise InputError(f"{name} computes in single or double precision, got {made}")
+        moved: Self = super()._apply(fn, recurse)  # type: ignore[no-untyped-call]
+        return moved
 
 
 def check_tensor(name: str, value: object, *, half: bool = True, finite: bool = True, meta: bool = False) -> None:

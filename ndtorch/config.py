@@ -107,6 +107,15 @@ def with_options(config: Kind, options: Mapping[str, Any]) -> Kind:
     return check(data, type(config), "options")
 
 
+def with_tensors(config: Kind, tensors: Mapping[str, Any]) -> Kind:
+    """The config with tensors, unchecked, for some keys of its tables: what modules are made with that learn them."""
+    for name, value in tensors.items():
+        table, key = option_places(type(config))[name][0]
+        part = getattr(config, table).model_copy(update={key: value})
+        config = config.model_copy(update={table: part})
+    return config
+
+
 def config_text(config: ModelConfig, head: str = "") -> str:
     """The config as TOML, every key with its meaning."""
     lines = [f"# {line}" for line in head.splitlines()]

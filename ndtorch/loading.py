@@ -6,13 +6,15 @@ import os
 from pathlib import Path
 from typing import Any
 
+from torch import Tensor
+
 from ndtorch.arguments import set_backend
 from ndtorch.binding.first_stage import first_stage_weights, read_first_stage
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.whole_field import PublishedModel, ScaleFreeModel
-from ndtorch.config import option_places, with_options
+from ndtorch.config import option_places, with_options, with_tensors
 from ndtorch.errors import LONGEST, InputError, did_you_mean
 from ndtorch.utils.packages import MODELS, folder_of
 from ndtorch.utils.toml import check, suggestion, toml_values
@@ -51,7 +53,8 @@ def load(
         backend: "numba" computes by compiled kernels, "torch" by tensor operations (gradients, GPU, export), "auto" by
             kernels wherever they can do the work.
         options: other values for keys of its config.toml, `first_stage`, a trained `FirstStage` or `[10, 10]`, and for
-            `published` a `rule`: the name of one, or a `LearningRule`.
+            `published` a `rule`: the name of one, or a `LearningRule`. A `torch.nn.Parameter` is learned; the model's
+            `learnable` lists the keys that may be one.
 
     Raises:
         InputError: unknown name, missing or broken folder, or an option that the model does not have.
@@ -80,7 +83,14 @@ def load(
     config = check(toml_values(where) | {"model": kind.name}, kind.config_type, str(where))
     if kind.trained:
         stage = read_first_stage(folder / "weights.safetensors") if stage is None else first_stage_weights(stage)
-    made = kind.build(with_options(config, rest), stage)
+    tensors = {name: value for name, value in rest.items() if isinstance(value, Tensor)}
+    for name in tensors:
+        if name.split(".")[-1] not in kind.learnable:
+            known_ones = ", ".join(kind.learnable) or "nothing"
+            raise InputError(f"{name} of {kind.name} must be a number; what it learns: {known_ones}")
+    config = with_options(config, rest | {name: value.tolist() for name, value in tensors.items()})
+    made = kind.build(with_tensors(config, tensors), stage)
+    made.use_parameters(config, tensors)
     if rule is not None:
         made.use_rule(rule)
     set_backend(made, backend)

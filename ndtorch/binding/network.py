@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterator
 from typing import Any, Literal, NamedTuple, Self
@@ -9,10 +10,21 @@ from typing import Any, Literal, NamedTuple, Self
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import Backend, check_backend, check_batch, check_number, check_state, check_tensor, is_whole
+from ndtorch.arguments import (
+    Backend,
+    FullPrecision,
+    check_backend,
+    check_batch,
+    check_number,
+    check_state,
+    check_tensor,
+    is_whole,
+    without_autocast,
+)
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
 from ndtorch.errors import InputError
-from ndtorch.vision.temporal import low_pass, low_pass_step, smoothing_factor
+from ndtorch.utils.tensors import safe_state
+from ndtorch.vision.temporal import Seconds, keep_time, low_pass, low_pass_step, ratio, smoothing_factor
 
 Feedback = Literal["delayed", "settled"]
 WhenFull = Literal["rescale", "stop"]
@@ -20,6 +32,7 @@ MOST_NEURONS = 8192
 """Their weights are N x N: 256 MiB in single precision."""
 
 
+@safe_state
 class NetworkState(NamedTuple):
     """Everything of the network that changes. Save it and the run can go on from there, bit for bit.
 
@@ -89,7 +102,19 @@ def alternation(state: NetworkState) -> Tensor:
     return roughness.sum(over) / (4 * power.sum(over)).clamp_min(torch.finfo(power.dtype).tiny)
 
 
-class InhibitoryNetwork(nn.Module):
+def low_pass_of_blocks(a: float | Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
+    """Weights of a low-pass over a block at once: `l_j = (1 - a)^(j + 1) l + a sum_i (1 - a)^(j - i) x_i`.
+
+    In double precision, and rounded where they are used: signals of either precision get all that they can hold.
+
+    Returns:
+        those of the state l, `[S, 1]`, and of the samples x, `[S, S]`.
+    """
+    late = (steps[:, None] - steps).clamp_min(0)
+    return ((1 - a) ** (steps + 1)).unsqueeze(-1), (a * (1 - a) ** late).tril()
+
+
+class InhibitoryNetwork(FullPrecision):
     """Neurons that inhibit one another; the weights W are learned from common fluctuations. [B eq. 22-24]
 
     Delayed feedback is that of the papers, `o(t + dt) = i'(t) - W o(t)`; settled feedback is what this comes to rest
@@ -106,7 +131,8 @@ class InhibitoryNetwork(nn.Module):
         rule: learning rule, or its name; None for fixed weights.
         feedback: "delayed" or "settled".
         shared: one weight matrix for all fields.
-        tau_in, tau_out: time constants of the two high-passes, seconds; `tau_in=inf` lets the input through.
+        tau_in, tau_out: time constants of the two high-passes, seconds; as `torch.nn.Parameter` they are learned;
+            `tau_in=inf` lets the input through.
         tau_power: memory of the power of the outputs' fluctuations, for rules that look at it, seconds.
         settle: seconds before learning starts, for filters to settle.
         every: seconds between changes of the weights with settled feedback; the rule takes the mean in between.
@@ -137,6 +163,10 @@ class InhibitoryNetwork(nn.Module):
     """
 
     initial: Tensor | None
+    dt: float
+    tau_in: Seconds
+    tau_out: Seconds
+    tau_rough: float
     decay: Tensor
     lagged: Tensor
     power_shares: Tensor
@@ -148,8 +178,8 @@ class InhibitoryNetwork(nn.Module):
         rule: Rule | str | None = "competitive",
         feedback: Feedback = "delayed",
         shared: bool = False,
-        tau_in: float = 1.0,
-        tau_out: float = 0.5,
+        tau_in: Seconds = 1.0,
+        tau_out: Seconds = 0.5,
         tau_power: float = 3.0,
         settle: float = 4.0,
         every: float = 0.0,
@@ -179,22 +209,26 @@ class InhibitoryNetwork(nn.Module):
             check_number(name, value, least=0, unit="" if name == "faint" else "seconds")
         if feedback == "delayed" and (every > dt or faint):
             raise InputError(f"delayed feedback changes its weights at every step, got every={every}, faint={faint}")
-        self.neurons, self.dt, self.shared, self.backend = neurons, dt, shared, check_backend(backend)
+        self.neurons, self.shared, self.backend = neurons, shared, check_backend(backend)
         self.feedback, self.settle, self.faint, self.when_full = feedback, settle, faint, when_full
         self.every, self.rule, self.time = max(1, round(every / dt)), rule, -3 if shared else -2
-        taus = {"tau_in": tau_in, "tau_rough": tau_rough, "tau_out": tau_out, "tau_power": tau_power}
-        _, _, self.a_out, self.a_power = (smoothing_factor(tau, dt, name) for name, tau in taus.items())
+        keep_time(self, dt=dt, tau_in=tau_in, tau_rough=tau_rough, tau_out=tau_out)
+        self.filters_input = isinstance(tau_in, Tensor) or tau_in != math.inf
+        self.a_power = smoothing_factor(tau_power, dt, "tau_power")
         self.a_mean = smoothing_factor(tau_mean, dt * self.every, "tau_mean")
-        self.tau_in, self.tau_rough = tau_in, tau_rough
         self.window_changes = max(1, round(window / (dt * self.every)))
         self.register_buffer("initial", initial)
-        # A low-pass over a block at once: l_j = (1 - a)^(j + 1) l + a sum_i (1 - a)^(j - i) x_i. In double precision,
-        # and rounded where they are used: signals of either precision get all that they can hold.
         steps = torch.arange(self.every, dtype=torch.float64)
-        self.register_buffer("decay", ((1 - self.a_out) ** (steps + 1)).unsqueeze(-1))
-        late = (steps[:, None] - steps).clamp_min(0)
-        self.register_buffer("lagged", (self.a_out * (1 - self.a_out) ** late).tril())
+        if not isinstance(tau_out, Tensor):
+            decay, lagged = low_pass_of_blocks(self.a_out, steps)
+            self.register_buffer("decay", decay)
+            self.register_buffer("lagged", lagged)
         self.register_buffer("power_shares", self.a_power * (1 - self.a_power) ** steps.flip(0))
+
+    @property
+    def a_out(self) -> float | Tensor:
+        """Ratio of an output that the mean of the outputs takes in at each step."""
+        return ratio(self.tau_out, self.dt)
 
     @property
     def rule(self) -> Rule | None:
@@ -203,7 +237,12 @@ class InhibitoryNetwork(nn.Module):
         Raises:
             InputError: what is assigned is neither.
         """
-        return self._rule
+        if not self._learned:
+            return self._rule
+        rule = copy.copy(self._rule)
+        for name in self._learned:
+            object.__setattr__(rule, name, self.rule_constants[name])
+        return rule
 
     @rule.setter
     def rule(self, rule: Rule | str | None) -> None:
@@ -211,6 +250,10 @@ class InhibitoryNetwork(nn.Module):
         if rule is not None and not all(hasattr(rule, name) for name in ("name", "learns", "rate", "change")):
             raise InputError(f"rule must be a learning rule, the name of one, or None, got {repr(rule)[:40]}")
         self._rule = rule if rule is not None and rule.learns else None
+        # A rule that is a module has its parameters itself.
+        own = {} if self._rule is None or isinstance(rule, nn.Module) else getattr(rule, "__dict__", {})
+        self.rule_constants = nn.ParameterDict({k: v for k, v in own.items() if isinstance(v, nn.Parameter)})
+        self._learned = tuple(self.rule_constants)
 
     @classmethod
     def scale_free(cls, neurons: int = 10, dt: float = 0.01, rule: Rule | None = None, **options: Any) -> Self:
@@ -231,7 +274,7 @@ class InhibitoryNetwork(nn.Module):
         return NetworkState(
             weights=weights,
             outputs=torch.zeros_like(first),
-            input_low=torch.zeros_like(first) if self.tau_in == math.inf else first.clone(),
+            input_low=first.clone() if self.filters_input else torch.zeros_like(first),
             output_low=torch.zeros_like(first),
             recent=first.new_zeros(*batch, self.every - 1, *first.shape[len(batch) :]),
             fluctuation=first.new_zeros(*batch, n),
@@ -244,6 +287,7 @@ class InhibitoryNetwork(nn.Module):
             steps=torch.zeros((), dtype=torch.int64),
         )
 
+    @without_autocast
     def forward(self, inputs: Tensor, state: NetworkState | None = None) -> tuple[Tensor, NetworkState]:
         check_state(state, NetworkState)
         shape = f"[..., T, {'F, ' if self.shared else ''}{self.neurons}]"
@@ -262,7 +306,7 @@ class InhibitoryNetwork(nn.Module):
         time = self.time
         state = self.start(inputs.select(time, 0)) if state is None else state
         drive, input_low = inputs, state.input_low
-        if self.tau_in != math.inf:
+        if self.filters_input:
             lows, input_low = low_pass(inputs, input_low, self.tau_in, self.dt, time, blocks=False)
             drive = inputs - lows
         delayed = self.feedback == "delayed"
@@ -324,6 +368,12 @@ class InhibitoryNetwork(nn.Module):
         begun = 0 if compiled else int(state.steps) % every
         ends = range(1, given + 1) if compiled else range(every - begun, given + 1, every)
         outs, shifts, done, steps = list[Tensor](), list[Any](), 0, state.steps
+        if isinstance(self.tau_out, Tensor):
+            decay, lagged = low_pass_of_blocks(
+                self.a_out, torch.arange(every, dtype=torch.float64, device=drive.device)
+            )
+        else:
+            decay, lagged = self.decay, self.lagged
         ahead = self._timings(steps, drive, ends) if ends and not self.faint else None
         for end in ends:
             block = samples.narrow(time, end - 1, every).contiguous()
@@ -334,9 +384,9 @@ class InhibitoryNetwork(nn.Module):
                 if every == 1:
                     lows = low_pass_step(out, state.output_low.unsqueeze(time), self.a_out)
                 else:
-                    flat = self.lagged.to(out.dtype) @ (out.flatten(-2) if self.shared else out)
+                    flat = lagged.to(out.dtype) @ (out.flatten(-2) if self.shared else out)
                     low = state.output_low.flatten(-2) if self.shared else state.output_low
-                    lows = (flat + self.decay.to(out.dtype) * low.unsqueeze(-2)).view_as(out)
+                    lows = (flat + decay.to(out.dtype) * low.unsqueeze(-2)).view_as(out)
                 after, shift = self._learn(
                     out - lows, lows.select(time, -1), state.outputs, state, ahead and next(ahead)
                 )

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
+from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, HighPass, RecentMaxState, RunningMax, check_series
 
@@ -20,6 +21,7 @@ SIZES = [group.stop - group.start for group in GROUPS.values()]
 """Features of each group."""
 
 
+@safe_state
 class InputState(NamedTuple):
     """State of `BindingInputs`: the high-pass `[..., 10]` and recent group maxima `[..., W - 1, 3]`."""
 

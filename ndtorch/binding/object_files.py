@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
 from ndtorch.config import Constants, constant
 from ndtorch.errors import InputError
+from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.motion import Border, check_border
 from ndtorch.vision.temporal import corrected, predicted, safe_sqrt
@@ -54,6 +55,7 @@ class ObjectFileParams(Constants):
     tau_bind: float = constant(3.0, "Memory of a window's covariances, seconds.", gt=0)
 
 
+@safe_state
 class ObjectFileState(NamedTuple):
     """State of `ObjectFiles`: K windows a trial.
 

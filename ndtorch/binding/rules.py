@@ -9,11 +9,12 @@ from functools import partial
 from typing import Any, Protocol
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, is_number
 from ndtorch.binding.spectrum import limit_spectral_radius
 from ndtorch.errors import InputError, did_you_mean
+from ndtorch.vision.temporal import not_negative
 
 Activation = Callable[[Tensor], Tensor]
 
@@ -106,7 +107,8 @@ class LearningRule:
         row: a, applied to the inhibited neuron n.
         column: b, applied to the inhibiting neuron k.
         name: what to call the rule.
-        gamma: learning rate, 1/s; a tensor `[...]` gives every network of a batch its own. 0: fixed weights.
+        gamma: learning rate, 1/s; a tensor `[...]` gives every network of a batch its own; a `torch.nn.Parameter` is
+            learned and is in the `parameters()` of the network. 0: fixed weights.
         tau_onset: soft start of learning, seconds; `mu = 1 - exp(-t / tau_onset)`.
         radius_limit: largest spectral radius of the weights; `inf` leaves stability to fate.
 
@@ -127,20 +129,16 @@ class LearningRule:
     uses_power = False
 
     def __post_init__(self) -> None:
-        rates = self.gamma if isinstance(self.gamma, Tensor) else torch.tensor(math.nan)
-        if is_number(self.gamma):
-            rates = torch.as_tensor(self.gamma)
-        if not (rates >= 0).all() or not torch.isfinite(rates).all():
-            raise InputError(f"gamma must be a learning rate >= 0, got {repr(self.gamma)[:80]}")
+        check_rate("gamma", self.gamma)
         check_constants(self.tau_onset, self.radius_limit)
 
     @property
     def learns(self) -> bool:
-        return bool(torch.as_tensor(self.gamma).any())
+        return changes_weights(self.gamma)
 
     def rate(self, seconds: Tensor) -> Tensor:
         """`gamma mu(t)`, 1/s."""
-        return torch.as_tensor(self.gamma, device=seconds.device) * learning_onset(seconds, self.tau_onset)
+        return learning_rate(self.gamma, seconds) * learning_onset(seconds, self.tau_onset)
 
     def change(self, high: Tensor, power: Tensor, weights: Tensor, steps: int = 1) -> Tensor:
         """Products `a(o'_n) b(o'_k)` of the outputs' fluctuations, `[..., S, N]` -> `[..., N, N]`."""
@@ -181,25 +179,29 @@ class ScaleFreeRule:
         InputError: a constant out of range.
     """
 
-    gamma: float = 0.2
-    leak: float = 2.0
+    gamma: float | Tensor = 0.2
+    leak: float | Tensor = 2.0
     radius_limit: float = 0.95
 
     name = "scale-free"
     uses_power = True
 
     def __post_init__(self) -> None:
-        check_number("gamma", self.gamma, least=0)
-        check_number("leak", self.leak, least=0)
+        check_rate("gamma", self.gamma)
+        check_rate("leak", self.leak)
         check_constants(TAU_ONSET, self.radius_limit)
 
     @property
     def learns(self) -> bool:
-        return self.gamma != 0
+        return changes_weights(self.gamma)
 
     def rate(self, seconds: Tensor) -> Tensor:
         """`gamma(t) mu(t)`, 1/s."""
-        return self.gamma * (1 + BOOST * torch.exp(-seconds / TAU_BOOST)) * learning_onset(seconds, TAU_ONSET)
+        return (
+            learning_rate(self.gamma, seconds)
+            * (1 + BOOST * torch.exp(-seconds / TAU_BOOST))
+            * learning_onset(seconds, TAU_ONSET)
+        )
 
     def change(self, high: Tensor, power: Tensor, weights: Tensor, steps: int = 1) -> Tensor:
         """The bracket of the rule, `[..., N, N]`."""
@@ -209,7 +211,8 @@ class ScaleFreeRule:
         sender, receiver = strength.unsqueeze(-2), strength.unsqueeze(-1)
         gate = sender / (sender + receiver)
         correlation = high.mT @ high / (steps * relative * largest).unsqueeze(-2)
-        return gate * correlation - self.leak * (1 - gate) * weights
+        leak = not_negative(self.leak) if isinstance(self.leak, Tensor) else self.leak
+        return gate * correlation - leak * (1 - gate) * weights
 
     def bounded(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
         """Weights within their bounds, and the Perron root of their magnitudes within its limit."""
@@ -232,6 +235,23 @@ def check_constants(tau_onset: float, radius_limit: float) -> None:
     check_number("tau_onset", tau_onset, least=0, unit="seconds")
     if not (is_number(radius_limit) and radius_limit > 0):
         raise InputError(f"radius_limit must be positive, got {repr(radius_limit)[:40]}")
+
+
+def check_rate(name: str, rate: object) -> None:
+    """Raise `InputError` unless it is a finite number >= 0, or a tensor of such."""
+    rates = torch.as_tensor(rate) if is_number(rate) or isinstance(rate, Tensor) else torch.tensor(math.nan)
+    if not (rates >= 0).all() or not torch.isfinite(rates).all():
+        raise InputError(f"{name} must be a learning rate >= 0, got {repr(rate)[:80]}")
+
+
+def changes_weights(gamma: float | Tensor) -> bool:
+    """Whether a rule of that rate learns; a rate that is a parameter may grow."""
+    return isinstance(gamma, nn.Parameter) or bool(torch.as_tensor(gamma).any())
+
+
+def learning_rate(gamma: float | Tensor, like: Tensor) -> Tensor:
+    """The rate as a tensor on the device of another; a negative one counts as 0 and keeps its gradient."""
+    return not_negative(torch.as_tensor(gamma, device=like.device))
 
 
 def learning_onset(seconds: Tensor, tau: float) -> Tensor:

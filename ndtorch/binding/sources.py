@@ -32,6 +32,7 @@ from ndtorch.binding.network import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable, features_by_group
 from ndtorch.config import Constants, constant
+from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, HighPass, LowPass, smoothing_factor
 
@@ -70,6 +71,7 @@ class SourceParams(Constants):
     certain: float = constant(0.9, "Confidence from which on a number is stable.", ge=0, le=1)
 
 
+@safe_state
 class SourceState(NamedTuple):
     """State of `SourceEstimator`.
 

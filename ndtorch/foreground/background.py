@@ -27,6 +27,7 @@ from ndtorch.foreground._kernels import (
     mark_motion,
     shadow_marks,
 )
+from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.temporal import smoothing_factor
 
 Floats = npt.NDArray[np.float32]
@@ -83,6 +84,7 @@ class BackgroundParams(Constants):
     shadow_max_tint_ratio: float = constant(0.12, "A shadow changes the colors' shares by at most this fraction.", ge=0)
 
 
+@safe_state
 class BackgroundState(NamedTuple):
     """State of the background model; arrays in a call, tensors between calls.
 

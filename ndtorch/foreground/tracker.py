@@ -25,6 +25,7 @@ from ndtorch.foreground._kernels import (
     sum_blobs,
 )
 from ndtorch.foreground.background import SQUARE, BackgroundState, Bytes, Labels, Numbers, Segmentation, is_ghost
+from ndtorch.utils.tensors import safe_state
 
 Bools = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
@@ -97,6 +98,7 @@ class TrackTable(NamedTuple):
     path: Any
 
 
+@safe_state
 class Tracks(TrackTable):
     """N tracks; arrays in a call, tensors between calls.
 

@@ -13,6 +13,13 @@ from torch import Tensor
 from ndtorch.errors import InputError
 
 Tree = TypeVar("Tree")
+Kind = TypeVar("Kind", bound=type)
+
+
+def safe_state(kind: Kind) -> Kind:
+    """Decorator of the class of a state: `torch.load` reads it with `weights_only=True`, its default."""
+    torch.serialization.add_safe_globals([kind])
+    return kind
 
 
 def leaves(tree: Any, prefix: str = "") -> dict[str, Tensor]:

@@ -9,9 +9,11 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_tensor
 from ndtorch.errors import InputError
+from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.temporal import check_series
 
 
+@safe_state
 class ShiftState(NamedTuple):
     """State of `ChahlSrinivasan`: the last frame, `[..., C, H, W]`."""
 

@@ -5,15 +5,24 @@ from __future__ import annotations
 import math
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from ndtorch.arguments import Backend, check_backend, check_size, check_state, has_values, kernels_wanted
+from ndtorch.arguments import (
+    Backend,
+    FullPrecision,
+    check_backend,
+    check_size,
+    check_state,
+    has_values,
+    kernels_wanted,
+    without_autocast,
+)
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import keep_freed_memory
 from ndtorch.vision._kernels_frame import PassConstants, front_end
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
-from ndtorch.vision.orientation import OrientedDoG
+from ndtorch.vision.orientation import Deviations, OrientedDoG
 from ndtorch.vision.temporal import Seconds, ratio
 
 FEATURES: tuple[str, ...] = (
@@ -38,7 +47,7 @@ CPU_PIXELS = 1 << 18
 CUDA_PIXELS = 1 << 25
 
 
-class VisualFeatures(nn.Module):
+class VisualFeatures(FullPrecision):
     """Ten wide-field signals of a sequence of frames, and the images they are sums of. [B §2.1, fig. 1]
 
     `forward` gives the spatial sums, the input of the binding networks; `images` gives the feature images,
@@ -50,7 +59,7 @@ class VisualFeatures(nn.Module):
         tau_high, tau_low: time constants of the motion detectors, seconds; as `torch.nn.Parameter` they are learned.
         border: "wrap" for toroidal scenes, "reflect" for real video.
         exact: sum the orientation responses at full resolution instead of on a coarse grid (see `OrientedDoG`).
-        center, surround: deviations of the orientation filters along and across, pixels.
+        center, surround: deviations of the orientation filters along and across, pixels, see `OrientedDoG`.
         backend: "numba" takes the sums by kernels, "torch" by tensor operations, "auto" by kernels where no gradient
             is needed and the frames are on a CPU.
 
@@ -74,8 +83,8 @@ class VisualFeatures(nn.Module):
         tau_low: Seconds = 0.05,
         border: Border = "wrap",
         exact: bool = False,
-        center: tuple[float, float] = (19.0, 6.0),
-        surround: tuple[float, float] = (22.0, 9.0),
+        center: Deviations = (19.0, 6.0),
+        surround: Deviations = (22.0, 9.0),
         *,
         backend: Backend = "auto",
     ) -> None:
@@ -88,6 +97,7 @@ class VisualFeatures(nn.Module):
         self.orientation.backend = self.backend
         keep_freed_memory()
 
+    @without_autocast
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
         frames = check_frames(frames, self.size, device=self.orientation.fixed_spectrum.device)

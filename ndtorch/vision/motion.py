@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
+from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.temporal import Seconds, keep_time, low_pass
 
@@ -26,6 +27,7 @@ def check_border(border: str) -> None:
 BY_DIRECTION = [[-0.5, 0.5, 0.0, 0.0], [0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, -0.5], [0.0, 0.0, 0.5, 0.5]]
 
 
+@safe_state
 class MotionState(NamedTuple):
     """State of the detectors: the slow and the delayed low-passed image, each `[..., H, W]`."""
 

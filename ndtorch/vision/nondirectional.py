@@ -11,6 +11,7 @@ from torch.nn import functional as F
 
 from ndtorch.arguments import check_state, check_tensor
 from ndtorch.errors import InputError
+from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.temporal import FilterState, HighPass, LowPass, Seconds, check_series, keep_time, low_pass, ratio
 
 
@@ -83,6 +84,7 @@ class NDMinus(nn.Module):
         return high - (before + after) / 2, state
 
 
+@safe_state
 class NDSState(NamedTuple):
     """State of `NDS`: its high-pass and the low-pass of the neighbours' high-passed signals."""
 

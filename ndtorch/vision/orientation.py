@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ndtorch.arguments import Backend, check_size, is_finite
+from ndtorch.arguments import Backend, FullPrecision, check_size, is_finite, without_autocast
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
@@ -74,7 +74,7 @@ def numbers(deviations: Deviations) -> tuple[float, float]:
     return along, across
 
 
-class OrientedDoG(nn.Module):
+class OrientedDoG(FullPrecision):
     """Responses of three oriented DoG filters (0, 60 and 120 degrees) and the sums of their magnitudes.
 
     Two methods of summing. `exact=True` filters at full resolution. Otherwise the kernels' narrow band is used: no
@@ -258,6 +258,7 @@ class OrientedDoG(nn.Module):
             found.append((torch.arange(points) + torch.tensor(OFFSETS)[:, None]) * cell + start - margin + 0.5)
         return found[0], found[1]
 
+    @without_autocast
     def forward(self, frames: Tensor) -> Tensor:
         return self.images(grey(as_float(check_frames(frames, self.size, device=self.fixed_spectrum.device))))
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from ndtorch.arguments import check_number, check_state, check_tensor, has_values
+from ndtorch.arguments import FullPrecision, check_number, check_state, check_tensor, has_values, without_autocast
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.frames import as_float, check_frames, grey
@@ -54,7 +54,7 @@ def field_weights(points: Tensor, length: float, fields: int, border: Border = "
     return torch.where(offset.abs() < 1, 0.5 + 0.5 * torch.cos(math.pi * offset), 0.0)
 
 
-class LocalFeatures(nn.Module):
+class LocalFeatures(FullPrecision):
     """The ten signals of `VisualFeatures`, summed over a coarse grid of overlapping receptive fields.
 
     Glomeruli with a retinotopic place each, as [B discussion] proposes. The fields' windows add up to one
@@ -110,6 +110,7 @@ class LocalFeatures(nn.Module):
                 weights = weights * inside.unsqueeze(-2).to(weights)
             self.register_buffer(name, weights)
 
+    @without_autocast
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
         frames = check_frames(frames, self.features.size, device=self.features.orientation.fixed_spectrum.device)

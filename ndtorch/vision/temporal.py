@@ -18,6 +18,7 @@ from ndtorch.arguments import (
     is_number,
 )
 from ndtorch.errors import InputError
+from ndtorch.utils.tensors import safe_state
 
 MOST_ROWS = 100_000
 """Time steps of the longest memory of single numbers."""
@@ -52,7 +53,8 @@ def smoothing_factor(tau: Seconds, dt: Seconds, name: str = "tau") -> float | Te
     unchanged and `tau = inf` never moves away from the first sample. [A Methods; B §2.2]
 
     Args:
-        tau: time constant in seconds, 0 to inf; of a tensor what is negative counts as 0.
+        tau: time constant in seconds, 0 to inf; of a tensor what is negative counts as 0, and its gradient is that
+            at 0.
         dt: time step in seconds, > 0.
         name: of the time constant, for messages.
 
@@ -73,9 +75,14 @@ def smoothing_factor(tau: Seconds, dt: Seconds, name: str = "tau") -> float | Te
     return ratio(tau, dt)
 
 
+def not_negative(x: Tensor) -> Tensor:
+    """Negative values as 0, with the gradient of the value itself: an optimiser that stepped below 0 finds back."""
+    return x + (x.clamp_min(0) - x).detach()
+
+
 def ratio(tau: Seconds, dt: Seconds) -> float | Tensor:
     """`smoothing_factor` of numbers that were checked."""
-    return dt / ((tau.clamp_min(0) if isinstance(tau, Tensor) else tau) + dt)
+    return dt / ((not_negative(tau) if isinstance(tau, Tensor) else tau) + dt)
 
 
 def keep_time(module: nn.Module, **seconds: Seconds) -> None:
@@ -105,12 +112,14 @@ def low_pass(
     On a CPU a loop over time moves the fewest bytes. What is compiled or exported, or on a GPU, is done in blocks: the
     number of operations does not grow with time. Networks, which are loops over time anyway, ask for no blocks.
     """
-    a = dt / ((tau.clamp_min(0) if isinstance(tau, Tensor) else tau) + dt)
+    a = ratio(tau, dt)
     if isinstance(a, Tensor):
         a = a.to(x.dtype)
     low = x.select(dim, 0) if low is None else low
     out: list[Tensor] = []
     blocks = blocks and x.shape[dim] > 1 and not (isinstance(a, Tensor) and a.ndim)
+    # Under autocast a product of matrices would be one of half precision.
+    blocks = blocks and not torch.is_autocast_enabled("cuda" if x.is_cuda else "cpu")
     if blocks and (torch.compiler.is_compiling() or x.is_cuda):
         for block in torch.split(x, BLOCK, dim):
             out.append(low_pass_block(block, low, a, dim))
@@ -130,6 +139,7 @@ def low_pass_block(x: Tensor, low: Tensor, a: float | Tensor, dim: int) -> Tenso
     return low.unsqueeze(dim) + change
 
 
+@safe_state
 class FilterState(NamedTuple):
     """State of a first-order filter: its low-passed value, one sample `[..., *sample]`."""
 
@@ -192,6 +202,7 @@ class HighPass(LowPass):
         return x - lows, FilterState(low)
 
 
+@safe_state
 class RecentMaxState(NamedTuple):
     """State of `RunningMax`: the last `window - 1` samples, `[..., window - 1, N]`, oldest first."""
 
@@ -245,6 +256,7 @@ def check_series(x: Tensor, sample_dims: int, state: object = None, kind: type =
         raise InputError(f"{name} must hold at least one time step, got shape {tuple(x.shape)}")
 
 
+@safe_state
 class ResampleState(NamedTuple):
     """Last sample `[..., N]`, samples taken and samples given so far (int64 scalars)."""
 

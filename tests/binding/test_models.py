@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -70,6 +71,54 @@ def test_other_types_than_single_and_double_are_refused_through_every_door(name:
         with pytest.raises(InputError, match="computes in single or double precision"):
             convert()
     assert model.double().float().dtype == torch.float32
+
+
+LEARNED = {
+    "published": {"gamma": 0.7, "tau_in": 0.9, "tau_out": 0.4, "tau_sums": 1.1, "tau_motion_low": 0.06},
+    "scale-free": {"gamma": 0.3, "leak": 1.5, "tau_out": 1.0, "tau_smooth": 0.06, "tau_motion_high": 0.4},
+    "retinotopic": {"tau_motion_high": 0.4, "tau_motion_low": 0.06},
+}
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_constants_given_as_parameters_are_learned(name: str, tmp_path: Path) -> None:
+    """Gradients are those of finite differences, also in blocks, and what is saved are the learned values."""
+    given = {key: nn.Parameter(torch.tensor(value, dtype=torch.float64)) for key, value in LEARNED[name].items()}
+    if name != "retinotopic":
+        given["center"] = nn.Parameter(torch.tensor([4.0, 1.5], dtype=torch.float64))
+    quick = {"published": {"settle": 0.0, "tau_onset": 0.0}, "scale-free": {"settle": 0.0}}.get(name, {})
+    model = ndtorch.load(name, size=(18, 20), fps=50, **quick, **given).double()
+    paths = [next(path for path, one in model.named_parameters() if one is value) for value in given.values()]
+    assert set(paths) <= set(model.state_dict())
+    frames = torch.rand(8, 3, 18, 20, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    with torch.no_grad():  # motion of the second frame is zero but for rounding, and is divided by its own largest
+        _, state = model(frames.flip(0))
+
+    def outputs(*values: torch.Tensor) -> torch.Tensor:
+        signals, _ = torch.func.functional_call(model, dict(zip(paths, values, strict=True)), (frames, state))
+        return signals.outputs
+
+    assert torch.autograd.gradcheck(outputs, tuple(given.values()), eps=1e-6, atol=1e-5, fast_mode=True)
+    with torch.no_grad():
+        given["tau_motion_low" if name != "scale-free" else "leak"].fill_(-0.1)
+    model.save(tmp_path / "model")
+    again = ndtorch.load(tmp_path / "model").double()
+    torch.testing.assert_close(again(frames, state)[0].outputs, outputs(*given.values()), atol=1e-6, rtol=1e-5)
+    with pytest.raises(InputError, match=f"size of {name} must be a number; what it learns"):
+        ndtorch.load(name, size=nn.Parameter(torch.tensor([12.0, 14.0])))
+
+
+@pytest.mark.parametrize("name", [*NAMES, "foreground"])
+def test_states_are_saved_by_torch_and_autocast_changes_nothing(name: str, tmp_path: Path) -> None:
+    model = ndtorch.load(name, size=48)
+    frames = torch.rand(4, 3, 48, 48, generator=torch.Generator().manual_seed(0))
+    _, state = model(frames)
+    torch.save(state, tmp_path / "state.pt")
+    signals, _ = model(frames, torch.load(tmp_path / "state.pt"))
+    with torch.autocast("cpu", torch.bfloat16):
+        same, _ = model(frames, state)
+    assert torch.equal(signals.outputs, same.outputs)
+    assert torch.equal(signals.outputs, model(frames, state)[0].outputs)
 
 
 @pytest.mark.parametrize("double", [False, True])

@@ -88,13 +88,23 @@ def test_without_numbers_shapes_come_out(name: str) -> None:
 @each
 def test_half_precision_comes_out_or_is_refused(name: str) -> None:
     make, x = MODULES[name]
-    if x is FILM:
-        with pytest.raises(InputError, match="frames must be float32 or float64"):
-            make()(x.half())
-    else:
-        out = output(make(), x.half())
-        assert out.dtype == torch.float16
-        torch.testing.assert_close(out.float(), output(make(), x.half().float()), atol=2e-3, rtol=1e-2)
+    for kind, most in ((torch.float16, 2e-3), (torch.bfloat16, 2e-2)):
+        low = x.to(kind)
+        if x is FILM:
+            with pytest.raises(InputError, match="frames must be float32 or float64"):
+                make()(low)
+        else:
+            out = output(make(), low)
+            assert out.dtype == kind
+            torch.testing.assert_close(out.float(), output(make(), low.float()), atol=most, rtol=5 * most)
+
+
+@each
+def test_autocast_changes_nothing(name: str) -> None:
+    make, x = MODULES[name]
+    with torch.autocast("cpu", torch.bfloat16):
+        out = output(make(), x)
+    assert torch.equal(out, output(make(), x))
 
 
 def test_weights_do_not_depend_on_the_size_of_frames() -> None:
@@ -136,6 +146,19 @@ def test_time_constants_are_learned(name: str) -> None:
     assert torch.autograd.gradcheck(outputs, tuple(taus), eps=1e-6, atol=1e-5)
 
 
+def test_a_time_constant_below_zero_finds_back() -> None:
+    """It filters as 0 does, and has the gradient of 0."""
+    x, gradients = noise(4, 1, 2, 5), []
+    for value in (0.0, -0.3):
+        tau = nn.Parameter(torch.tensor(value))
+        out, _ = LowPass(tau, 0.05)(x)
+        assert torch.equal(out, LowPass(0.0, 0.05)(x)[0])
+        out.square().sum().backward()
+        gradients.append(tau.grad)
+    assert torch.equal(*gradients)  # type: ignore[arg-type]
+    assert gradients[0] != 0
+
+
 def test_deviations_of_orientation_filters_are_learned() -> None:
     center = nn.Parameter(torch.tensor([4.0, 1.5], dtype=torch.float64))
     filters = OrientedDoG((12, 14), center=center, surround=(6.0, 3.0)).double()
@@ -157,6 +180,18 @@ def test_a_sequential_hands_on_states() -> None:
     torch.testing.assert_close(at_once, LowPass(0.1, 0.05)(convolution(motion))[0].flatten(1))
     with pytest.raises(InputError, match="state must hold 2 parts"):
         Sequential(NDMin(), nn.ReLU())(ROWS, state)
+
+
+@pytest.mark.parametrize("batch_first", [False, True])
+def test_a_sequential_takes_batches_and_recurrent_networks(batch_first: bool) -> None:
+    """A batch gives what its trials give, in chunks too."""
+    memory = nn.LSTM(1232, 3, batch_first=batch_first)
+    network = Sequential(HassensteinReichardt(), nn.Conv2d(4, 2, 3), nn.Flatten(), memory, nn.BatchNorm1d(3)).eval()
+    clips = torch.stack([FILM, FILM.flip(0)])
+    at_once, _ = network(clips)
+    first, state = network(clips[:, :2])
+    torch.testing.assert_close(torch.cat([first, network(clips[:, 2:], state)[0]], 1), at_once)
+    torch.testing.assert_close(torch.stack([network(clip)[0] for clip in clips]), at_once)
 
 
 def test_filters_by_real_matrices_are_those_of_ffts() -> None:

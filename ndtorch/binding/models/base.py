@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from ndtorch.arguments import USUAL, Backend, as_path
+from ndtorch.arguments import Backend, FullPrecision, as_path
 from ndtorch.binding.objects import BoundObject, ObjectTable
 from ndtorch.binding.rules import Rule
-from ndtorch.config import ModelConfig, config_text
+from ndtorch.config import ModelConfig, config_text, with_options
 from ndtorch.errors import InputError
 from ndtorch.utils.files import write_text
 
@@ -27,7 +28,7 @@ Nested = Any
 """Of one trial the thing itself, of a batch lists of it, nested as the batch is."""
 
 
-class BindingModel(nn.Module, ABC):
+class BindingModel(FullPrecision, ABC):
     """Frames -> signals -> objects. A model is five choices, and its config has a table for each that it makes:
     receptive fields, what a camera needs before, normalisation, network, read-out and tracking.
 
@@ -38,6 +39,7 @@ class BindingModel(nn.Module, ABC):
         name: of the kind, as in config.toml.
         exportable: whether `torch.export` takes it.
         kernels_only: whether it has no implementation in torch.
+        learnable: keys of its config that may be given as `torch.nn.Parameter`.
         config_type: what its config.toml holds.
         tracks: whether its objects have places and times.
         group: frames averaged into a step, of models whose objects have a row for every frame; 0 of others.
@@ -56,9 +58,27 @@ class BindingModel(nn.Module, ABC):
     trained: ClassVar[bool] = True
     exportable: ClassVar[bool] = True
     kernels_only: ClassVar[bool] = False
+    learnable: ClassVar[tuple[str, ...]] = ()
     config: Any
+    _learned: Mapping[str, str] = MappingProxyType({})
     dt: float
     settle: float
+
+    def use_parameters(self, config: ModelConfig, given: dict[str, Tensor]) -> None:
+        """Set the config to one of plain numbers, for a model built with tensors for some of its keys."""
+        self.config = config
+        own = dict(self.named_parameters())
+        self._learned = {path: key for key, value in given.items() for path, own_one in own.items() if own_one is value}
+
+    def learned_config(self) -> ModelConfig:
+        """The config with the present values of what is learned."""
+        values = {key: self.get_parameter(path).detach() for path, key in self._learned.items()}
+        # Deviations are squared where they are used; other negative values count as 0.
+        numbers: dict[str, Any] = {k: (v.abs() if v.ndim else v.clamp_min(0)).tolist() for k, v in values.items()}
+        if any(v.ndim for v in values.values()):
+            numbers["exact"] = True  # as they were learned
+        config: ModelConfig = with_options(self.config, numbers)
+        return config
 
     def check_own(self, state: Any) -> None:
         """Raise `InputError` unless a state is None or one of this kind of model."""
@@ -89,19 +109,6 @@ class BindingModel(nn.Module, ABC):
     def fps(self) -> float:
         """Frames a second."""
         return float(self.config.fps)
-
-    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
-        """What `to`, `half`, `type` and the same of a module around this one go through.
-
-        Raises:
-            InputError: another type than float32 and float64. In half precision sums over an image and small weights
-                are nothing.
-        """
-        made = fn(torch.zeros(1)).dtype
-        if made not in USUAL:
-            raise InputError(f"{self.name} computes in single or double precision, got {made}")
-        moved: Self = super()._apply(fn, recurse)  # type: ignore[no-untyped-call]
-        return moved
 
     @property
     def dtype(self) -> torch.dtype:
@@ -190,7 +197,7 @@ class BindingModel(nn.Module, ABC):
             raise InputError(f"{folder} holds a model; say overwrite=True to replace it, or name another folder")
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            write_text(folder / "config.toml", config_text(self.config))
+            write_text(folder / "config.toml", config_text(self.learned_config()))
             card = folder / "README.md"
             if not card.exists():
                 write_text(card, CARD.format(name=folder.name, model=self.name))

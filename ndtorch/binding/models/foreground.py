@@ -46,6 +46,7 @@ from ndtorch.foreground.tracker import (
     update,
     with_values,
 )
+from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.features import FEATURES, GROUPS
 from ndtorch.vision.frames import check_frames
 from ndtorch.vision.masked_features import MAX_OBJECTS, MaskedFeatures, Measured
@@ -91,6 +92,7 @@ class ForegroundSignals(NamedTuple):
     cut: Tensor
 
 
+@safe_state
 class SceneState(NamedTuple):
     """Background model, tracks that go on, the number of tracks begun, and motion detectors."""
 
@@ -100,6 +102,7 @@ class SceneState(NamedTuple):
     features: MotionState
 
 
+@safe_state
 class ForegroundState(NamedTuple):
     """State of the model.
 

@@ -9,7 +9,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from ndtorch.arguments import check_state
+from ndtorch.arguments import check_state, without_autocast
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.models.whole_field import WholeField
@@ -19,6 +19,7 @@ from ndtorch.binding.object_files import ObjectFileParams, ObjectFiles, ObjectFi
 from ndtorch.binding.objects import BoundObject, features_by_group
 from ndtorch.config import Constants, ModelConfig, constant
 from ndtorch.errors import InputError
+from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.features import FEATURES, VisualFeatures
 from ndtorch.vision.frames import frames_in
 from ndtorch.vision.motion import Border, MotionState
@@ -64,6 +65,7 @@ class RetinotopicSignals(NamedTuple):
     time: Tensor
 
 
+@safe_state
 class RetinotopicState(NamedTuple):
     """State of the detectors and of the windows; no detectors in one that came from signals."""
 
@@ -84,6 +86,7 @@ class RetinotopicModel(BindingModel):
 
     name = "retinotopic"
     config_type = RetinotopicConfig
+    learnable = ("tau_motion_high", "tau_motion_low")
     tracks = True
     config: RetinotopicConfig
     first_weights: Tensor
@@ -111,6 +114,7 @@ class RetinotopicModel(BindingModel):
     def check_own(self, state: Any) -> None:
         check_state(state, RetinotopicState)
 
+    @without_autocast
     def forward(
         self, frames: Tensor, state: RetinotopicState | None = None
     ) -> tuple[RetinotopicSignals, RetinotopicState]:
@@ -121,6 +125,7 @@ class RetinotopicModel(BindingModel):
         signals, after = self.from_fields(fields, state)
         return signals, after._replace(motion=motion)
 
+    @without_autocast
     def from_fields(
         self, fields: Tensor, state: RetinotopicState | None = None
     ) -> tuple[RetinotopicSignals, RetinotopicState]:

@@ -10,7 +10,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from ndtorch.arguments import check_state, check_tensor
+from ndtorch.arguments import check_state, check_tensor, without_autocast
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, settled, weight_change
@@ -20,6 +20,7 @@ from ndtorch.binding.rules import RULES, Rule, ScaleFreeRule, learning_rule
 from ndtorch.binding.sources import SourceEstimator, SourceParams, SourceState
 from ndtorch.config import Constants, Deviations, ModelConfig, constant
 from ndtorch.errors import InputError
+from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.frames import frames_in
 from ndtorch.vision.motion import Border, MotionState
@@ -38,6 +39,10 @@ class WholeField(Constants):
         (22.0, 9.0), "Deviations of the surround of the orientation filters along and across, pixels."
     )
     exact: bool = constant(False, "Orientation sums at full resolution: slower, differs by < 0.5 %.")
+
+
+LEARNABLE_FIELD = ("tau_motion_high", "tau_motion_low", "center", "surround")
+"""Keys of `WholeField` that may be parameters."""
 
 
 class Normalise(Constants):
@@ -79,6 +84,7 @@ class BindingSignals(NamedTuple):
     time: Tensor
 
 
+@safe_state
 class BindingState(NamedTuple):
     """Everything that changes: nested tuples of tensors, see `ndtorch.binding.saving`.
 
@@ -131,6 +137,7 @@ class WholeFieldModel(BindingModel):
         check_state(state, BindingState)
         check_state(state and state.second, self.second_state)
 
+    @without_autocast
     def forward(self, frames: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
         self.check_own(state)
         if state is not None and state.motion is None:
@@ -138,6 +145,7 @@ class WholeFieldModel(BindingModel):
         sums, motion = self.features(frames_in(frames, self.first_weights.dtype), state and state.motion)
         return self.scan(sums, motion, state)
 
+    @without_autocast
     def from_sums(self, sums: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
         """The model from the ten spatial sums on, `[..., T, 10]`, one row a frame.
 
@@ -274,6 +282,7 @@ class PublishedModel(WholeFieldModel):
     """
 
     name = "published"
+    learnable = ("gamma", "tau_in", "tau_out", "tau_sums", *LEARNABLE_FIELD)
     second_state = NetworkState
     config_type = PublishedConfig
     config: PublishedConfig
@@ -384,6 +393,7 @@ class ScaleFreeConfig(WholeFieldConfig):
     readout: SourceParams = Field(default_factory=SourceParams)
 
 
+@safe_state
 class StageState(NamedTuple):
     """State of the second stage: low-pass of the inputs `[..., 10]`, network, and read-out."""
 
@@ -409,6 +419,7 @@ class ScaleFreeModel(WholeFieldModel):
     """
 
     name = "scale-free"
+    learnable = ("gamma", "leak", "tau_out", "tau_smooth", "tau_sums", *LEARNABLE_FIELD)
     second_state = StageState
     config_type = ScaleFreeConfig
     config: ScaleFreeConfig
