@@ -88,6 +88,7 @@ class Reader(ABC):
         notes: remarks on the source, a line each.
         stretch: of images of more than eight bits.
         ended: why a live source delivers no more frames.
+        damaged: number of frames, in the last reading, that could not be decoded, or only in part.
     """
 
     fps: float
@@ -100,6 +101,7 @@ class Reader(ABC):
     notes: Sequence[str] = ()
     stretch: Stretch | None = None
     ended = ""
+    damaged = 0
 
     @abstractmethod
     def read(self) -> Iterator[StampedFrame]:
@@ -121,6 +123,7 @@ class FileReader(Reader):
             declared = [float(rate) for rate in (stream.guessed_rate, stream.average_rate) if rate]
             framerate = stream.codec_context.framerate
             stamps, whole = packet_stamps(container, stream)
+            others, index = sum(not attached(one) for one in container.streams.video) - 1, stream.index
             self.count = len(stamps) if whole and stamps else int(stream.frames) or None
         self.timed = len(stamps) > 1
         self.fps = rate_of(stamps, declared) if self.timed else RAW_FPS
@@ -133,6 +136,11 @@ class FileReader(Reader):
             self.notes = [
                 f"video {path.name} has no time stamps: {self.fps:g} frames a second, {source}; --fps changes that"
             ]
+        if others:
+            self.notes = [
+                *self.notes,
+                f"video {path.name} has {others + 1} video streams: number {index + 1} is read",
+            ]
         first = next(self.read(), None)
         if first is None:
             raise InputError(f"video {path} cannot be used: none of its frames can be decoded")
@@ -140,10 +148,14 @@ class FileReader(Reader):
 
     def read(self) -> Iterator[StampedFrame]:
         container, stream = open_file(self.path)
+        self.damaged = 0
         with container:
             stream.thread_type = "AUTO"
             last = -1 / (self.fps or RAW_FPS)
             for frame in decoded(container, stream):
+                self.damaged += frame is None or frame.is_corrupt
+                if frame is None:
+                    continue
                 stamp = stamp_of(frame)
                 last = last + 1 / (self.fps or RAW_FPS) if math.isnan(stamp) else stamp
                 yield StampedFrame(pixels(frame), last)
@@ -265,7 +277,7 @@ class LiveReader(Reader):
         if not self._device.streams.video:
             self._device.close()
             raise InputError(f"{address} holds no video")
-        stream = self._device.streams.video[0]
+        stream = film_of(self._device)
         stream.thread_type = "AUTO"
         stamped = self._device.format.name not in ARRIVAL
         # Of a format without time stamps FFmpeg says 25, whatever comes.
@@ -275,6 +287,8 @@ class LiveReader(Reader):
     def _from_address(self, stream: Any, stamped: bool) -> Iterator[StampedFrame]:
         began = last = time.monotonic()
         for frame in decoded(self._device, stream):
+            if frame is None:
+                continue
             last = time.monotonic()
             stamp = stamp_of(frame) if stamped else math.nan
             yield StampedFrame(pixels(frame), last - began if math.isnan(stamp) else stamp)
@@ -377,11 +391,24 @@ def open_file(path: Path) -> tuple[Any, Any]:
         words = (getattr(error, "strerror", None) or str(error)).strip()
         cause = "not a video, damaged, or cut off before its index was written"
         raise InputError(f"video {path} cannot be opened: {words[:1].lower() + words[1:]} ({cause})") from None
-    streams = container.streams.video
-    if streams and streams[0].codec_context is not None:
-        return container, streams[0]
+    stream = film_of(container)
+    if stream is not None:
+        return container, stream
     container.close()
     raise InputError(f"video {path} cannot be used: it holds no film that can be decoded")
+
+
+def film_of(container: Any) -> Any:
+    """The video stream with the largest pictures, a film before the picture of a cover; None where there is none."""
+    streams = [stream for stream in container.streams.video if stream.codec_context is not None]
+    return max(streams, key=lambda stream: (not attached(stream), stream.width * stream.height), default=None)
+
+
+def attached(stream: Any) -> bool:
+    """Whether a stream is a picture that belongs to a file: a cover."""
+    import av
+
+    return bool(stream.disposition & av.stream.Disposition.attached_pic)
 
 
 def packet_stamps(container: Any, stream: Any) -> tuple[list[float], bool]:
@@ -411,7 +438,7 @@ def in_order(stamps: list[float]) -> list[float]:
 
 
 def decoded(container: Any, stream: Any) -> Iterator[Any]:
-    """Every frame that can be decoded; damaged packets are left out."""
+    """Every frame that can be decoded, and None for each packet that cannot."""
     import av
 
     packets = container.demux(stream)
@@ -420,8 +447,10 @@ def decoded(container: Any, stream: Any) -> Iterator[Any]:
             packet = next(packets)
         except (StopIteration, av.FFmpegError, OSError):
             return
-        with contextlib.suppress(av.FFmpegError, OSError):
+        try:
             yield from packet.decode()
+        except (av.FFmpegError, OSError):
+            yield None
 
 
 def stamp_of(frame: Any) -> float:

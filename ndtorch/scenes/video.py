@@ -210,10 +210,18 @@ class VideoSource(FrameSource):
         if reader.live and reader.ended and (self._stop is None or received < self._stop):
             self.silent = f"{self.name} ended after {received} frames: {reader.ended}"
             warnings.warn(self.silent, stacklevel=2)
-        elif not reader.live and received < wanted:
-            line = f"video {self.name} ends early: {received - first} of {wanted - first} frames decoded"
-            warnings.warn(line, stacklevel=2)
-            self.length = (received - first) // every
+        elif not reader.live and (received < wanted or reader.damaged):
+            words = f"{received - first} of {wanted - first} frames decoded"
+            if reader.damaged:
+                words = f"is damaged: {words}, {reader.damaged} or more are missing or wrong in part"
+            elif log and reader.stamps and log[-2] >= reader.stamps[-1]:
+                where = "at its start" if log[0] > reader.stamps[0] else "before its end"
+                words = f"lacks frames {where}: {words}"
+            else:
+                words = f"ends early: {words}"
+            warnings.warn(f"video {self.name} {words}", stacklevel=2)
+            if received < wanted:
+                self.length = (received - first) // every
 
     def _note_jump(self, number: int, seconds: float, time: float) -> None:
         gap = f"{seconds:g} s later" if seconds > 0 else f"{-seconds:g} s earlier"

@@ -65,7 +65,7 @@ def film(
     """A video of pictures `[H, W, 3]` with these time stamps, whose stream claims a rate."""
     av = pytest.importorskip("av")
     with av.open(str(path), "w", format=container) as file:
-        stream = file.add_stream("libx264", rate=claim, options={"bf": "0", "crf": "20"})
+        stream = file.add_stream("libx264", rate=claim, options={"bf": "0", "crf": "20", "g": "20"})
         stream.height, stream.width = pictures[0].shape[:2]
         stream.pix_fmt = "yuv420p"
         stream.codec_context.time_base = Fraction(1, 1000)

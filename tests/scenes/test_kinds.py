@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -58,6 +59,32 @@ def test_a_jump_of_the_stamps_is_a_cut(tmp_path: Path, jump: float) -> None:
         decoded = video.decoded
         assert decoded.tick.tolist() == list(range(100))
         assert decoded.stamp[50] - decoded.stamp[49] == pytest.approx(jump + 0.04, abs=0.01)
+
+
+def test_notes_on_films_are_true(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Cut between two key frames, overwritten in the middle, and with a small still stream before the film."""
+    path = encode(tmp_path / "film.mp4", [n / 25 for n in range(60)])
+    with av.open(str(path)) as whole, av.open(str(tmp_path / "cut.mp4"), "w") as cut:
+        stream = cut.add_stream_from_template(whole.streams.video[0])
+        for packet in [packet for packet in whole.demux(video=0) if packet.size][10:]:
+            packet.stream = stream
+            cut.mux(packet)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 2000] = b"\xff" * 2000
+    (tmp_path / "damaged.mp4").write_bytes(data)
+    for name, words in (("cut", "lacks frames at its start: 40 of 50"), ("damaged", r"is damaged: \d\d of 60 frames")):
+        with open_video(tmp_path / f"{name}.mp4", SIZE) as video, pytest.warns(UserWarning, match=words):
+            assert 20 < read(video) <= 60
+    with av.open(str(tmp_path / "two.mkv"), "w") as file:
+        streams = [file.add_stream("libx264", rate=25) for _ in range(2)]
+        for stream, size in zip(streams, ((64, 80), SIZE), strict=True):
+            stream.height, stream.width = size
+            for n in range(10):
+                file.mux(stream.encode(av.VideoFrame.from_ndarray(picture(n)[: size[0], : size[1]].copy(), "rgb24")))
+            file.mux(stream.encode())
+    with caplog.at_level(logging.INFO), open_video(tmp_path / "two.mkv", SIZE) as video:
+        assert (video.full_size, read(video)) == (SIZE, 10)
+    assert "2 video streams: number 2 is read" in caplog.text
 
 
 def test_a_film_without_stamps_says_what_rate_is_assumed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
