@@ -26,6 +26,8 @@ class Render:
     """Seed of the random shadow."""
     fps: float = 100.0
     """Frame rate, Hz."""
+    set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Value of an option of the scene, as wavelength=30; any number of times."""
     force: bool = False
     """Replace the file if it exists."""
     json: bool = False
@@ -33,11 +35,18 @@ class Render:
 
     def run(self) -> int:
         from ndtorch.run.folder import new_file
+        from ndtorch.run.options import values_of
         from ndtorch.scenes import make_scene
         from ndtorch.scenes.video_writer import VideoWriter
         from ndtorch.utils.files import replacing
 
-        given = {"seconds": self.seconds, "fps": self.fps, "phase": self.phase, "seed": self.seed}
+        given = {
+            "seconds": self.seconds,
+            "fps": self.fps,
+            "phase": self.phase,
+            "seed": self.seed,
+            **values_of(self.set),
+        }
         source = make_scene(self.scene, **{name: value for name, value in given.items() if value is not None})
         new_file(self.file, self.force)
         with replacing(self.file) as part, VideoWriter(part, source.fps, source.size) as writer:

@@ -107,12 +107,15 @@ def expanded(sources: Iterable[str]) -> list[str]:
     """Sources, each once; a folder without images of its own stands for the films and folders of images in it."""
 
     def has_images(folder: Path) -> bool:
-        return any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
+        return any(path.suffix.lower() in IMAGE_SUFFIXES for path in visible(folder))
+
+    def visible(folder: Path) -> list[Path]:
+        return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
 
     every = dict[str, None]()
     for source in sources:
         folder = Path(source)
-        inner = sorted(folder.iterdir()) if source not in SCENES and folder.is_dir() and not has_images(folder) else []
+        inner = visible(folder) if source not in SCENES and folder.is_dir() and not has_images(folder) else []
         films = [
             str(path) for path in inner if path.suffix.lower() in VIDEO_SUFFIXES or (path.is_dir() and has_images(path))
         ]

@@ -33,6 +33,8 @@ from ndtorch.scenes.video import Fit, open_video
 from ndtorch.utils.toml import check
 
 STATE = "state.safetensors"
+SCENE = "scene."
+"""How keys of `--set` begin that are options of a scene."""
 CAMERA_MODELS = {"foreground": 448}
 """Kinds of models for video of a camera, which get whole pictures, and the most rows of those, shrunk as soon as they
 are decoded: `foreground` needs two for one of its own."""
@@ -97,7 +99,9 @@ def prepare(job: BindJob) -> Prepared:
     options = given(job, *MODEL_OPTIONS)
     if kind not in CAMERA_MODELS:
         options["border"] = "wrap" if job.source in SCENES else "reflect"
-    own = values_of(job.set)
+    own = {key: value for key, value in values_of(job.set).items() if not key.startswith(SCENE)}
+    if job.source not in SCENES and len(own) < len(job.set):
+        raise InputError(f"--set {SCENE}... is an option of simulated scenes, and {job.source} is none")
     if not_set := own.keys() & {"size", "fps", "model", "backend", "first_stage"}:
         raise InputError(f"--set has keys of config.toml but model, size and fps; got {not_set.pop()}")
     options |= own
@@ -141,7 +145,10 @@ def open_scene(job: BindJob, frames: int) -> FrameSource:
     if job.fit is not None:
         raise InputError("--fit is for the frames of videos; a scene has the size that is wanted")
     seconds = frames / (job.fps or 100.0) + (SECONDS if job.seconds is None else job.seconds)
-    return make_scene(job.source, seconds=seconds, **given(job, "phase", "seed", "fps"))
+    values = values_of(job.set).items()
+    scene_values = {key.removeprefix(SCENE): value for key, value in values if key.startswith(SCENE)}
+    options = {"seconds": seconds, **given(job, "phase", "seed", "fps"), **scene_values}
+    return make_scene(job.source, **options)
 
 
 def open_place(job: BindJob, kept: KeptRun, rows: int | None) -> FrameSource:

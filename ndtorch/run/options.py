@@ -37,7 +37,8 @@ class BindOptions:
     settle: float | None = None
     """Time before learning starts, s (default 4 for published, 0.5 for scale-free)."""
     set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """Value of a key of the model's config.toml, as network.gamma=0.3; any number of times."""
+    """Value of a key of the model's config.toml, as network.gamma=0.3, or of a scene, as scene.wavelength=30; any
+    number of times."""
     seed: int | None = None
     """Scenes: seed of the random shadow."""
     fps: float | None = None

@@ -18,8 +18,19 @@ if TYPE_CHECKING:
     from ndtorch.scenes.bars import Bar, BarScene
     from ndtorch.scenes.base import FrameSource, RenderedScene
     from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
-    from ndtorch.scenes.gratings import FlickeringGrating, MovingGrating
     from ndtorch.scenes.named import SCENES, NamedScene, make_scene, scene_names
+    from ndtorch.scenes.patterns import (
+        Pattern,
+        counterphase_grating,
+        edge,
+        flash,
+        flicker,
+        grating,
+        looming_disc,
+        panned_picture,
+        plaid,
+        random_dots,
+    )
     from ndtorch.scenes.stimuli import Rings, hsl_color, moving_bar, rings, static_bar
     from ndtorch.scenes.video import VideoSource, open_video
     from ndtorch.scenes.video_writer import VideoWriter
@@ -33,24 +44,32 @@ __all__ = [
     "Bar",
     "BarScene",
     "Distance",
-    "FlickeringGrating",
     "Fluctuation",
     "FrameSource",
-    "MovingGrating",
     "NamedScene",
     "NoFluctuation",
+    "Pattern",
     "RandomShadow",
     "RenderedScene",
     "Rings",
     "SineShadow",
     "VideoSource",
     "VideoWriter",
+    "counterphase_grating",
+    "edge",
     "equal_bars",
+    "flash",
+    "flicker",
+    "grating",
     "hsl_color",
+    "looming_disc",
     "make_scene",
     "moving_bar",
     "one_bar",
     "open_video",
+    "panned_picture",
+    "plaid",
+    "random_dots",
     "rings",
     "scene_names",
     "static_bar",

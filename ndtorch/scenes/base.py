@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -71,6 +72,22 @@ class FrameSource(ABC):
     cuts: Sequence[float] = ()
     silent: str = ""
 
+    @staticmethod
+    def from_array(frames: Any, fps: float, name: str = "array") -> FrameSource:
+        """A source of frames of your own.
+
+        Args:
+            frames: a tensor or array `[..., T, C, H, W]`, or `[..., T, H, W, C]` of C = 1 or 3, float 0..1 or uint8;
+                or an iterable of frames `[C, H, W]` or `[H, W, C]`, such as a generator, which can be read once.
+            fps: frames a second.
+            name: short name, fit for a folder name.
+
+        >>> source = FrameSource.from_array((torch.full((3, 8, 8), n / 10) for n in range(10)), fps=25)
+        >>> [len(chunk) for chunk in source.chunks(4)]
+        [4, 4, 2]
+        """
+        return ArraySource(frames, fps, name)
+
     @property
     def full_size(self) -> tuple[int, int]:
         """Height and width of the source's own frames, upright."""
@@ -95,6 +112,48 @@ class FrameSource(ABC):
         """
 
 
+class ArraySource(FrameSource):
+    """Frames of an array or of an iterable, see `FrameSource.from_array`."""
+
+    def __init__(self, frames: Any, fps: float, name: str) -> None:
+        if not (is_finite(fps) and 0 < fps <= MOST_FPS):
+            raise InputError(f"fps must be a positive number of frames per second, got {repr(fps)[:40]}")
+        self.name, self.fps = name, float(fps)
+        self._whole = planes(frames, 4) if hasattr(frames, "shape") else None
+        self._left = iter(() if self._whole is not None else frames)
+        self.length = None if self._whole is None else self._whole.shape[-4]
+        if (first := self._whole) is None:
+            first = next((planes(frame, 3) for frame in self._left), None)
+            self._left = itertools.chain([first], self._left)
+        if first is None or 0 in first.shape:
+            raise InputError("frames must be one or more")
+        self.size = (first.shape[-2], first.shape[-1])
+
+    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        check_chunks(frames, start)
+        if self._whole is not None:
+            return (part.clone() for part in torch.split(self._whole[..., start:, :, :, :], frames, -4) if part.numel())
+        rest = itertools.islice(self._left, start, None)
+        return _stacked(rest, frames)
+
+
+def _stacked(frames: Iterator[Any], count: int) -> Iterator[Tensor]:
+    while some := [planes(frame, 3) for frame in itertools.islice(frames, count)]:
+        yield torch.stack(some)
+
+
+def planes(frames: Any, dims: int) -> Tensor:
+    """Frames with their colors before rows and columns."""
+    try:
+        image = torch.as_tensor(frames)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"frames must be tensors or arrays, got {type(frames).__name__}") from error
+    if image.ndim < dims or not {image.shape[-3], image.shape[-1]} & {1, 3}:
+        shape = "[..., T, C, H, W]" if dims == 4 else "[C, H, W]"
+        raise InputError(f"frames must be of shape {shape} with 1 or 3 colors, got {tuple(image.shape)}")
+    return image if image.shape[-3] in (1, 3) else image.movedim(-1, -3)
+
+
 PerScene = float | Sequence[float] | Tensor
 """One number, or B numbers for a batch of B scenes."""
 
@@ -104,13 +163,13 @@ PerBar = float | Sequence[float] | Sequence[Sequence[float]] | Tensor
 
 def per_scene(name: str, value: PerScene) -> Tensor:
     """`value` as a float64 tensor of shape [] or [B] on the CPU, or `InputError`."""
-    return _numbers(name, value, 1, "a finite number or a list of them")
+    return numbers(name, value, 1, "a finite number or a list of them")
 
 
 def per_bar(name: str, value: PerBar) -> Tensor:
     """`value` as a float64 tensor of shape [bars] or [B, bars] on the CPU; one number becomes [1]."""
-    numbers = _numbers(name, value, 2, "finite: a number, [bars] or [B, bars]")
-    return numbers.reshape(1) if numbers.ndim == 0 else numbers
+    each = numbers(name, value, 2, "finite: a number, [bars] or [B, bars]")
+    return each.reshape(1) if each.ndim == 0 else each
 
 
 def check_seed(seed: object) -> None:
@@ -148,7 +207,8 @@ def pairs(
     return list(zip(a.tolist(), b.tolist(), strict=True))
 
 
-def _numbers(name: str, value: object, most_dims: int, wanted: str) -> Tensor:
+def numbers(name: str, value: object, most_dims: int, wanted: str) -> Tensor:
+    """A float64 tensor of at most so many dimensions on the CPU, or `InputError`."""
     try:
         tensor = torch.as_tensor(value, dtype=torch.float64).cpu()
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:

@@ -52,6 +52,18 @@ SCENES: dict[str, NamedScene] = {
     "rings": NamedScene(
         "stimuli:rings", "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}
     ),
+    "grating": NamedScene("patterns:grating", "a drifting grating, sine or square", {}),
+    "counterphase-grating": NamedScene("patterns:counterphase_grating", "a standing grating that reverses", {}),
+    "plaid": NamedScene("patterns:plaid", "two drifting gratings at an angle", {}),
+    "on-edge": NamedScene("patterns:edge", "a bright edge that crosses the image", {"polarity": "on"}),
+    "off-edge": NamedScene("patterns:edge", "a dark edge that crosses the image", {"polarity": "off"}),
+    "flash": NamedScene("patterns:flash", "a flash of the whole field", {}),
+    "flicker": NamedScene("patterns:flicker", "flicker of the whole field", {}),
+    "moving-bar": NamedScene("stimuli:moving_bar", "a white bar that moves across its long axis", {"direction": 0.0}),
+    "looming-disc": NamedScene("patterns:looming_disc", "a dark disc on a collision course", {}),
+    "receding-disc": NamedScene("patterns:looming_disc", "the looming disc backwards", {"receding": True}),
+    "random-dots": NamedScene("patterns:random_dots", "dots that move together, or a share of them", {}),
+    "panned-picture": NamedScene("patterns:panned_picture", "a picture, or 1/f noise, that moves past", {}),
 }
 """Every scene that has a name. Options given to `make_scene` win over the fixed ones."""
 
@@ -77,10 +89,18 @@ def make_scene(name: str, **options: Any) -> FrameSource:
     if not isinstance(name, str) or name not in SCENES:
         raise InputError(f"scene must be one of {', '.join(SCENES)}; got {name!r}{did_you_mean(name, SCENES)}")
     scene = SCENES[name]
-    known = list(inspect.signature(scene.build).parameters)
+    known = [key for key in inspect.signature(scene.build).parameters if key != "screen"]
+    if "seconds" not in known:
+        known += ["seconds", "fps", "size", "channels", "device"]
     unknown = sorted(set(options) - set(known))
     if unknown:
-        raise InputError(f"scene {name} has no option {', '.join(unknown)}; it has {', '.join(known)}")
-    source = scene.build(**{**scene.fixed, **options})
+        hint = did_you_mean(unknown[0], known) or f"; it has {', '.join(known)}"
+        raise InputError(f"scene {name} has no option {', '.join(unknown)}{hint}")
+    try:
+        source = scene.build(**{**scene.fixed, **options})
+    except (TypeError, ValueError) as error:  # an option of another kind than the builder takes
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"scene {name}: {error}") from error
     source.name = name
     return source

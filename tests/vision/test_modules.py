@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,6 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 import ndtorch
 from ndtorch.errors import InputError
 from ndtorch.export import export
-from ndtorch.scenes.gratings import FlickeringGrating, MovingGrating
 from ndtorch.utils.tensors import leaves
 from ndtorch.vision import (
     NDS,
@@ -33,6 +33,7 @@ from ndtorch.vision import (
     VisualFeatures,
 )
 from ndtorch.vision.nondirectional import SPEED_SCALE, judge_speed_curve, speed_response
+from ndtorch_train.reproduce.sensors import flickering_rows, moving_rows
 
 SIZE = (24, 30)
 
@@ -232,8 +233,13 @@ PHASES = [k / 16 + 0.03 for k in range(16)]
 
 def response(sensor, speeds, settle=10, phases=PHASES, **options):
     """Mean response to each speed over the start phases, in raw units."""
-    source = MovingGrating(speeds, phases, length=settle + 200, **options)
-    return speed_response(sensor, source.chunks(32), settle)[..., 0].mean(1)
+    rows = filmed(tuple(speeds), tuple(phases), settle + 200, **options)
+    return speed_response(sensor, rows.split(32, 2), settle)[..., 0].mean(1)
+
+
+@cache
+def filmed(speeds, phases, length, width=640):
+    return moving_rows(speeds, phases, length, width).frames(0, length)
 
 
 @pytest.mark.parametrize(
@@ -250,7 +256,7 @@ def test_published_responses(sensor, at_one, at_two):
 def test_published_chahl_srinivasan_response():
     """A1: signed, right to 1 pixel a step and saturated beyond."""
     speeds = [-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0]
-    source = MovingGrating(speeds, PHASES, length=201)
+    source = moving_rows(speeds, PHASES, length=201)
     rows = torch.cat(list(source.chunks(32)), 2)
     found = ChahlSrinivasan()(rows)[0][..., 1:, 0].mean((-1, -2))
     assert found[[0, 1, 3, 5, 6]].tolist() == pytest.approx([-1.21, -1.0, 0.0, 1.0, 1.21], rel=0.03, abs=1e-6)
@@ -269,7 +275,7 @@ def test_saturation_order():
 
 def test_flicker():
     """A1: ND-minus answers flicker least, and a uniform flicker not at all."""
-    grating, uniform = FlickeringGrating(length=200), FlickeringGrating(length=200, uniform=True)
+    grating, uniform = flickering_rows(length=200), flickering_rows(length=200, uniform=True)
     nds, minus, least = (float(speed_response(s, grating.chunks(), 10)[0]) for s in (NDS(), NDMinus(), NDMin()))
     assert minus < 0.5 * least < least < nds
     assert speed_response(NDMinus(), uniform.chunks())[0] == 0

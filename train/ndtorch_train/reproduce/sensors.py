@@ -9,7 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.navigation import StereoRig
-from ndtorch.scenes import FlickeringGrating, MovingGrating
+from ndtorch.scenes import FrameSource, Pattern, grating
+from ndtorch.scenes.patterns import Screen
 from ndtorch.vision import NDS, SPEED_SCALE, ChahlSrinivasan, NDMin, NDMinus, judge_speed_curve, speed_response
 from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, PURPLE, panels
 from ndtorch_train.reproduce.experiment import Context, Outcome
@@ -18,14 +19,35 @@ MEASURED = {"NDS": (1.49, 2.71), "ND-minus": (0.77, 0.62), "ND-min": (1.00, 1.30
 """Responses at 1 and 2 pixels a step, as an independent implementation of the paper measured them."""
 
 
+def moving_rows(
+    speeds: Sequence[float], phases: Sequence[float] = (0.0,), length: int = 201, width: int = 640
+) -> Pattern:
+    """Rows of a square grating of 10 pixels on 10, 0.25 and 0.75, at so many pixels a step from so many places of its
+    first edge, `[S, P, T, 1, 1, width]`. [A Methods]"""
+    screen: Screen = {"seconds": length / 30, "fps": 30.0, "size": (1, width), "channels": 1}
+    rate, shift = [[30 / 20 * speed] for speed in speeds], [9.0 * width - 18.0 * phase for phase in phases]
+    return grating(20.0, rate, contrast=0.5, profile="square", phase=shift, **screen)
+
+
+def flickering_rows(frequency: float = 14.9, uniform: bool = False, length: int = 201, width: int = 640) -> Pattern:
+    """That grating at rest, or a uniform row, times a sinusoid from 0 to 1, `[T, 1, 1, width]`. [A Methods]"""
+    still = moving_rows([0.0], length=1, width=width).light
+
+    def light(x: Tensor, y: Tensor, t: Tensor) -> Tensor:
+        pattern = torch.tensor(0.75) if uniform else still(x, y, t)[0, 0]
+        return (0.5 + 0.5 * torch.sin(2 * math.pi * frequency * t)) * pattern
+
+    return Pattern("flickering-grating", light, seconds=length / 30, fps=30.0, size=(1, width), channels=1)
+
+
 def magnitudes(sensor: nn.Module, speeds: list[float], count: int, settle: int, width: int = 640) -> Tensor:
     """Mean response to each speed over `count` start phases within a pixel, none of them whole."""
     phases = [k / count + 0.03 for k in range(count)]
-    source = MovingGrating(speeds, phases, length=settle + 200, width=width)
+    source = moving_rows(speeds, phases, length=settle + 200, width=width)
     return speed_response(sensor, source.chunks(32), settle)[..., 0].mean(1)
 
 
-def shifts(source: MovingGrating | FlickeringGrating) -> Tensor:
+def shifts(source: FrameSource) -> Tensor:
     """Mean shift that Chahl-Srinivasan sees, over time."""
     rows = torch.cat(list(source.chunks(32)), -4)
     seen: Tensor = ChahlSrinivasan()(rows)[0][..., 1:, 0].mean(-1)
@@ -37,13 +59,13 @@ def characterisation(context: Context, step: float = 0.25) -> Outcome:
     speeds = [step * k for k in range(-round(2 / step), round(2 / step) + 1)]
     sensors = {"NDS": NDS(), "ND-minus": NDMinus(), "ND-min": NDMin()}
     found = {name: SPEED_SCALE * magnitudes(sensor, speeds, 8, 10) for name, sensor in sensors.items()}
-    found["Chahl-Srinivasan"] = shifts(MovingGrating(speeds, [k / 8 + 0.03 for k in range(8)])).mean(-1)
+    found["Chahl-Srinivasan"] = shifts(moving_rows(speeds, [k / 8 + 0.03 for k in range(8)])).mean(-1)
     flicker = {
-        name: SPEED_SCALE * float(speed_response(sensor, FlickeringGrating(length=200).chunks(), 10)[0])
+        name: SPEED_SCALE * float(speed_response(sensor, flickering_rows(length=200).chunks(), 10)[0])
         for name, sensor in sensors.items()
     }
     least = min(flicker, key=lambda name: flicker[name])
-    flicker["Chahl-Srinivasan"] = float(shifts(FlickeringGrating(length=200)))
+    flicker["Chahl-Srinivasan"] = float(shifts(flickering_rows(length=200)))
     beyond = SPEED_SCALE * magnitudes(NDMin(), [2.0, 2.5, 3.0], 8, 10)
 
     figure, axes = panels("ab;cd", 11, 8, sharex=True)
