@@ -1,7 +1,10 @@
-"""Frames -> signals: temporal filters, motion, orientation and the ten features; speed of image rows."""
+"""Frames -> signals: filters over time, detectors of motion, small targets and looming, orientation, the ten features;
+speed of image rows."""
 
+from ndtorch.vision.barlow_levick import BarlowLevick, VetoState
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures
+from ndtorch.vision.looming import LoomingDetector, LoomingState
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
 from ndtorch.vision.nondirectional import (
     NDS,
@@ -17,6 +20,7 @@ from ndtorch.vision.nondirectional import (
 from ndtorch.vision.orientation import ANGLES, OrientedDoG, dog_spectrum
 from ndtorch.vision.receptive_fields import LocalFeatures, field_weights
 from ndtorch.vision.sequential import Sequential, SequentialState
+from ndtorch.vision.small_target import SmallTargetDetector, SmallTargetState
 from ndtorch.vision.temporal import (
     FilterState,
     HighPass,
@@ -35,11 +39,14 @@ __all__ = [
     "GROUPS",
     "NDS",
     "SPEED_SCALE",
+    "BarlowLevick",
     "ChahlSrinivasan",
     "FilterState",
     "HassensteinReichardt",
     "HighPass",
     "LocalFeatures",
+    "LoomingDetector",
+    "LoomingState",
     "LowPass",
     "MotionState",
     "NDMin",
@@ -53,7 +60,10 @@ __all__ = [
     "Sequential",
     "SequentialState",
     "ShiftState",
+    "SmallTargetDetector",
+    "SmallTargetState",
     "SpeedCurve",
+    "VetoState",
     "VisualFeatures",
     "dog_spectrum",
     "field_weights",

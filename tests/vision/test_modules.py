@@ -19,10 +19,12 @@ from ndtorch.export import export
 from ndtorch.utils.tensors import leaves
 from ndtorch.vision import (
     NDS,
+    BarlowLevick,
     ChahlSrinivasan,
     HassensteinReichardt,
     HighPass,
     LocalFeatures,
+    LoomingDetector,
     LowPass,
     NDMin,
     NDMinus,
@@ -30,6 +32,7 @@ from ndtorch.vision import (
     Resample,
     RunningMax,
     Sequential,
+    SmallTargetDetector,
     VisualFeatures,
 )
 from ndtorch.vision.nondirectional import SPEED_SCALE, judge_speed_curve, speed_response
@@ -53,6 +56,9 @@ MODULES: dict[str, tuple[Callable[[], nn.Module], Tensor]] = {
     "Resample": (lambda: Resample(0.02, 0.05), SIGNALS),
     "ChahlSrinivasan": (ChahlSrinivasan, ROWS),
     "HassensteinReichardt": (HassensteinReichardt, FILM),
+    "BarlowLevick": (BarlowLevick, FILM),
+    "SmallTargetDetector": (SmallTargetDetector, FILM),
+    "LoomingDetector": (lambda: LoomingDetector(SIZE), FILM),
     "OrientedDoG": (lambda: OrientedDoG(SIZE), FILM),
     "VisualFeatures": (lambda: VisualFeatures(SIZE), FILM),
     "LocalFeatures": (lambda: LocalFeatures(VisualFeatures(SIZE), 4), FILM),
