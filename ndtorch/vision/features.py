@@ -23,7 +23,7 @@ from ndtorch.vision._kernels_frame import PassConstants, front_end
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
 from ndtorch.vision.orientation import Deviations, OrientedDoG
-from ndtorch.vision.temporal import Seconds, ratio
+from ndtorch.vision.temporal import Discretization, Seconds, ratio
 
 FEATURES: tuple[str, ...] = (
     "left",
@@ -62,6 +62,7 @@ class VisualFeatures(FullPrecision):
         center, surround: deviations of the orientation filters along and across, pixels, see `OrientedDoG`.
         backend: "numba" takes the sums by kernels, "torch" by tensor operations, "auto" by kernels where no gradient
             is needed and the frames are on a CPU.
+        discretization: of the motion detectors' filters, "euler" or "exact", see `smoothing_factor`.
 
     Shapes:
         frames `[..., T, C, H, W]` (C = 3 or 1; float 0..1 or uint8) -> `[..., T, 10]`, in the order of
@@ -87,12 +88,13 @@ class VisualFeatures(FullPrecision):
         surround: Deviations = (22.0, 9.0),
         *,
         backend: Backend = "auto",
+        discretization: Discretization = "euler",
     ) -> None:
         super().__init__()
         check_size("size", size, 2)
         self.size = (int(size[0]), int(size[1]))
         self.backend = check_backend(backend)
-        self.motion = HassensteinReichardt(dt, tau_high, tau_low, border)
+        self.motion = HassensteinReichardt(dt, tau_high, tau_low, border, discretization=discretization)
         self.orientation = OrientedDoG(self.size, center=center, surround=surround, border=border, exact=exact)
         self.orientation.backend = self.backend
         keep_freed_memory()
@@ -148,8 +150,8 @@ class VisualFeatures(FullPrecision):
         if state is not None:
             after.slow.copy_(state.slow)
             after.delayed.copy_(state.delayed)
-        shares = (float(ratio(motion.tau_high, motion.dt)), float(ratio(motion.tau_low, motion.dt)))
-        constants = PassConstants(*shares, motion.border == "wrap", o.thinning.blocks[0], o.thinning.margins)
+        high, low = (float(ratio(tau, motion.dt, motion.discretization)) for tau in (motion.tau_high, motion.tau_low))
+        constants = PassConstants(high, low, motion.border == "wrap", o.thinning.blocks[0], o.thinning.margins)
         # In double precision one at a time: some transforms of several are not the same to the bit as of one.
         together = 1 if kind == torch.float64 else max(1, min(8, (1 << 17) // math.prod(o.thinning.size)))
         passed, oriented = torch.empty(len(frames), 7, dtype=torch.float64), list[Tensor]()

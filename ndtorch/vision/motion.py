@@ -11,7 +11,7 @@ from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.frames import as_float, check_frames, grey
-from ndtorch.vision.temporal import Seconds, keep_time, low_pass
+from ndtorch.vision.temporal import Discretization, Seconds, keep_time, low_pass
 
 Border = Literal["wrap", "reflect"]
 BORDERS: tuple[Border, ...] = ("wrap", "reflect")
@@ -72,6 +72,7 @@ class HassensteinReichardt(nn.Module):
         tau_high, tau_low: time constants in seconds; numbers, or tensors, which as `torch.nn.Parameter` are learned.
         border: "wrap" correlates the last with the first row and column (toroidal scenes); with "reflect"
             those pairs are left out and their pixels are zero (real video).
+        discretization: of the filters, "euler" (as published) or "exact", see `smoothing_factor`.
 
     Shapes:
         frames `[..., T, C, H, W]`, C = 3 or 1 -> `[..., T, 4, H, W]`. State: `MotionState`;
@@ -82,6 +83,7 @@ class HassensteinReichardt(nn.Module):
     tau_high: Seconds
     tau_low: Seconds
     dt: Seconds
+    discretization: Discretization
 
     def __init__(
         self,
@@ -89,20 +91,22 @@ class HassensteinReichardt(nn.Module):
         tau_high: Seconds = 0.5,
         tau_low: Seconds = 0.05,
         border: Border = "wrap",
+        *,
+        discretization: Discretization = "euler",
     ) -> None:
         super().__init__()
         check_border(border)
         self.border = border
-        keep_time(self, tau_high=tau_high, tau_low=tau_low, dt=dt)
+        keep_time(self, discretization, tau_high=tau_high, tau_low=tau_low, dt=dt)
         self.register_buffer("directions", torch.tensor(BY_DIRECTION), persistent=False)
 
     def scan(self, images: Tensor, state: MotionState | None) -> tuple[Tensor, Tensor, MotionState]:
         """Run the temporal filters over grey images `[..., T, H, W]`; returns PH, PHL and the state. [B eq. 7-8]"""
         first = images.select(-3, 0)
         slow, delayed = (first, torch.zeros_like(first)) if state is None else state
-        lows, slow = low_pass(images, slow, self.tau_high, self.dt, -3)
+        lows, slow = low_pass(images, slow, self.tau_high, self.dt, -3, self.discretization)
         high = images - lows
-        late, delayed = low_pass(high, delayed, self.tau_low, self.dt, -3)
+        late, delayed = low_pass(high, delayed, self.tau_low, self.dt, -3, self.discretization)
         return high, late, MotionState(slow, delayed)
 
     def images(self, high: Tensor, delayed: Tensor) -> Tensor:

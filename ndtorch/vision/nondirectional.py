@@ -12,7 +12,17 @@ from torch.nn import functional as F
 from ndtorch.arguments import check_state, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import safe_state
-from ndtorch.vision.temporal import FilterState, HighPass, LowPass, Seconds, check_series, keep_time, low_pass, ratio
+from ndtorch.vision.temporal import (
+    Discretization,
+    FilterState,
+    HighPass,
+    LowPass,
+    Seconds,
+    check_series,
+    keep_time,
+    low_pass,
+    ratio,
+)
 
 
 class NDMin(nn.Module):
@@ -20,7 +30,7 @@ class NDMin(nn.Module):
 
     Its output is signed and has zero mean; the speed of the image is in its magnitude (`spatial_maximum`).
     The raw output of an edge of contrast `c` moving one pixel a step is about `c (1 - a)` with
-    `a = dt / (tau_high + dt)`; [A fig. 3] and the thresholds of [A] are in this output x 20 (`SPEED_SCALE`).
+    `a` of `smoothing_factor`; [A fig. 3] and the thresholds of [A] are in this output x 20 (`SPEED_SCALE`).
 
     Shapes:
         x: rows `[..., T, 1, 1, W]` or images `[..., T, C, H, W]`, one channel at a time -> the same.
@@ -30,6 +40,7 @@ class NDMin(nn.Module):
         tau_high: time constant of the high-pass in seconds, 0 to inf; a number, or a tensor, which as a
             `torch.nn.Parameter` is learned.
         dt: time step in seconds, a number or a tensor.
+        discretization: of the filter, "euler" or "exact", see `smoothing_factor`.
 
     Raises:
         InputError: time constants out of range, or x that is not a dense floating point tensor of finite numbers with
@@ -44,15 +55,18 @@ class NDMin(nn.Module):
 
     tau_high: Seconds
     dt: Seconds
+    discretization: Discretization
 
-    def __init__(self, tau_high: Seconds = 0.005, dt: Seconds = 1 / 30) -> None:
+    def __init__(
+        self, tau_high: Seconds = 0.005, dt: Seconds = 1 / 30, *, discretization: Discretization = "euler"
+    ) -> None:
         super().__init__()
-        keep_time(self, tau_high=tau_high, dt=dt)
+        keep_time(self, discretization, tau_high=tau_high, dt=dt)
 
     @property
     def a(self) -> float | Tensor:
         """Share of the new sample that the high-pass takes in."""
-        return ratio(self.tau_high, self.dt)
+        return ratio(self.tau_high, self.dt, self.discretization)
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         check_series(x, 3, state, FilterState)
@@ -61,7 +75,7 @@ class NDMin(nn.Module):
     def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
         """`forward` without checks, for modules that have checked x."""
         # A high-pass written out: on the few pixels of a strip nested modules take as long as the sums.
-        lows, low = low_pass(x, state and state.low, self.tau_high, self.dt, -4)
+        lows, low = low_pass(x, state and state.low, self.tau_high, self.dt, -4, self.discretization)
         return x - lows, FilterState(low)
 
 
@@ -73,9 +87,11 @@ class NDMinus(nn.Module):
     Shapes, arguments, state and errors as `NDMin`.
     """
 
-    def __init__(self, tau_high: Seconds = 0.005, dt: Seconds = 1 / 30) -> None:
+    def __init__(
+        self, tau_high: Seconds = 0.005, dt: Seconds = 1 / 30, *, discretization: Discretization = "euler"
+    ) -> None:
         super().__init__()
-        self.high_pass = HighPass(tau_high, dt)
+        self.high_pass = HighPass(tau_high, dt, discretization=discretization)
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         high, state = self.high_pass(x, state)
@@ -102,12 +118,21 @@ class NDS(nn.Module):
     Args:
         tau_high, tau_low: time constants in seconds, 0 to inf.
         dt: time step in seconds.
+        discretization: as of `NDMin`.
     Shapes and errors as `NDMin`.
     """
 
-    def __init__(self, tau_high: Seconds = 0.005, tau_low: Seconds = 0.0, dt: Seconds = 1 / 30) -> None:
+    def __init__(
+        self,
+        tau_high: Seconds = 0.005,
+        tau_low: Seconds = 0.0,
+        dt: Seconds = 1 / 30,
+        *,
+        discretization: Discretization = "euler",
+    ) -> None:
         super().__init__()
-        self.high_pass, self.low_pass = HighPass(tau_high, dt), LowPass(tau_low, dt)
+        self.high_pass = HighPass(tau_high, dt, discretization=discretization)
+        self.low_pass = LowPass(tau_low, dt, discretization=discretization)
 
     def forward(self, x: Tensor, state: NDSState | None = None) -> tuple[Tensor, NDSState]:
         check_state(state, NDSState)

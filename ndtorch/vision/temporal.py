@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeVar, overload
+from typing import Literal, NamedTuple, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -37,26 +37,37 @@ def safe_sqrt(x: Tensor) -> Tensor:
 Seconds = float | Tensor
 """A time constant or a time step: a number that is fixed, or a tensor that gradients can reach."""
 
+Discretization = Literal["euler", "exact"]
+"""How a filter's time constant becomes its share of a new sample, see `smoothing_factor`."""
+
 
 @overload
-def smoothing_factor(tau: float, dt: float, name: str = "tau") -> float: ...
+def smoothing_factor(tau: float, dt: float, name: str = "tau", discretization: Discretization = "euler") -> float: ...
 
 
 @overload
-def smoothing_factor(tau: Seconds, dt: Seconds, name: str = "tau") -> float | Tensor: ...
+def smoothing_factor(
+    tau: Seconds, dt: Seconds, name: str = "tau", discretization: Discretization = "euler"
+) -> float | Tensor: ...
 
 
-def smoothing_factor(tau: Seconds, dt: Seconds, name: str = "tau") -> float | Tensor:
+def smoothing_factor(
+    tau: Seconds, dt: Seconds, name: str = "tau", discretization: Discretization = "euler"
+) -> float | Tensor:
     """Share of the new sample that a first-order low-pass takes in, `a = dt / (tau + dt)`.
 
     This is the backward Euler form, so every `tau >= 0` is stable: `tau = 0` lets the input through
-    unchanged and `tau = inf` never moves away from the first sample. [A Methods; B §2.2]
+    unchanged and `tau = inf` never moves away from the first sample. [A Methods; B §2.2] It is slower than its time
+    constant, the more the fewer samples there are in one; "exact", `a = 1 - exp(-dt / tau)`, decays as the continuous
+    filter does.
 
     Args:
         tau: time constant in seconds, 0 to inf; of a tensor what is negative counts as 0, and its gradient is that
             at 0.
         dt: time step in seconds, > 0.
         name: of the time constant, for messages.
+        discretization: "euler" or "exact"; with "exact" a tensor `tau` counts as dt / 10 at least, which gives
+            a share of .99995 and still a gradient.
 
     Raises:
         InputError: if `tau` is negative or NaN, or `dt` is not a positive finite number.
@@ -72,7 +83,9 @@ def smoothing_factor(tau: Seconds, dt: Seconds, name: str = "tau") -> float | Te
         check_tensor(name, tau, meta=True)
     elif not (is_number(tau) and tau >= 0):
         raise InputError(f"{name} must be >= 0 seconds, got {repr(tau)[:40]}")
-    return ratio(tau, dt)
+    if discretization not in ("euler", "exact"):
+        raise InputError(f"discretization must be euler or exact, got {discretization!r}")
+    return ratio(tau, dt, discretization)
 
 
 def not_negative(x: Tensor) -> Tensor:
@@ -80,15 +93,22 @@ def not_negative(x: Tensor) -> Tensor:
     return x + (x.clamp_min(0) - x).detach()
 
 
-def ratio(tau: Seconds, dt: Seconds) -> float | Tensor:
+def ratio(tau: Seconds, dt: Seconds, discretization: Discretization = "euler") -> float | Tensor:
     """`smoothing_factor` of numbers that were checked."""
+    if discretization == "exact":
+        if isinstance(tau, Tensor):  # below dt / 10 the gradient is nothing
+            return -torch.expm1(-dt / (tau + (tau.clamp(min=dt / 10) - tau).detach()))
+        if tau == 0:
+            return 1.0
+        return -torch.expm1(-dt / tau) if isinstance(dt, Tensor) else -math.expm1(-dt / tau)
     return dt / ((not_negative(tau) if isinstance(tau, Tensor) else tau) + dt)
 
 
-def keep_time(module: nn.Module, **seconds: Seconds) -> None:
+def keep_time(module: nn.Module, discretization: Discretization = "euler", **seconds: Seconds) -> None:
     """Set time constants and `dt` as attributes of a module: parameters stay parameters, other tensors are buffers."""
+    module.discretization = discretization  # type: ignore[assignment]
     for name, value in seconds.items():
-        smoothing_factor(value, seconds["dt"], name)
+        smoothing_factor(value, seconds["dt"], name, discretization)
         if isinstance(value, Tensor) and not isinstance(value, nn.Parameter):
             module.register_buffer(name, value)
         else:
@@ -105,14 +125,20 @@ BLOCK = 64
 
 
 def low_pass(
-    x: Tensor, low: Tensor | None, tau: Seconds, dt: Seconds, dim: int, blocks: bool = True
+    x: Tensor,
+    low: Tensor | None,
+    tau: Seconds,
+    dt: Seconds,
+    dim: int,
+    discretization: Discretization = "euler",
+    blocks: bool = True,
 ) -> tuple[Tensor, Tensor]:
     """Low-passed samples like `x`, along `dim`, and the last of them; the state `low` defaults to the first sample.
 
     On a CPU a loop over time moves the fewest bytes. What is compiled or exported, or on a GPU, is done in blocks: the
     number of operations does not grow with time. Networks, which are loops over time anyway, ask for no blocks.
     """
-    a = ratio(tau, dt)
+    a = ratio(tau, dt, discretization)
     if isinstance(a, Tensor):
         a = a.to(x.dtype)
     low = x.select(dim, 0) if low is None else low
@@ -147,7 +173,7 @@ class FilterState(NamedTuple):
 
 
 class LowPass(nn.Module):
-    """First-order low-pass over time, `l += a (x - l)` with `a = dt / (tau + dt)`.
+    """First-order low-pass over time, `l += a (x - l)` with `a` of `smoothing_factor`.
 
     Shapes:
         x `[..., T, *sample]`, where `sample` has `sample_dims` dimensions: 3 for frames (C, H, W), 1 for
@@ -157,6 +183,7 @@ class LowPass(nn.Module):
         tau: time constant in seconds, 0 to inf; a number, or a tensor that broadcasts against a sample. A
             `torch.nn.Parameter` is learned: it is in `parameters()`.
         dt: time step in seconds, a number or a tensor.
+        discretization: "euler", as published, or "exact".
 
     Raises:
         InputError: time constants out of range, or x that is not a dense floating point tensor of finite numbers with
@@ -169,11 +196,14 @@ class LowPass(nn.Module):
 
     tau: Seconds
     dt: Seconds
+    discretization: Discretization
 
-    def __init__(self, tau: Seconds, dt: Seconds, sample_dims: int = 3) -> None:
+    def __init__(
+        self, tau: Seconds, dt: Seconds, sample_dims: int = 3, discretization: Discretization = "euler"
+    ) -> None:
         super().__init__()
         check_number("sample_dims", sample_dims, least=0, whole=True)
-        keep_time(self, tau=tau, dt=dt)
+        keep_time(self, discretization, tau=tau, dt=dt)
         self.sample_dims = sample_dims
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
@@ -182,7 +212,7 @@ class LowPass(nn.Module):
 
     def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
         """`forward` without checks, for modules that have checked x."""
-        lows, low = low_pass(x, state and state.low, self.tau, self.dt, -1 - self.sample_dims)
+        lows, low = low_pass(x, state and state.low, self.tau, self.dt, -1 - self.sample_dims, self.discretization)
         return lows, FilterState(low)
 
 
@@ -198,7 +228,7 @@ class HighPass(LowPass):
 
     def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
         """`forward` without checks, for modules that have checked x."""
-        lows, low = low_pass(x, state and state.low, self.tau, self.dt, -1 - self.sample_dims)
+        lows, low = low_pass(x, state and state.low, self.tau, self.dt, -1 - self.sample_dims, self.discretization)
         return x - lows, FilterState(low)
 
 

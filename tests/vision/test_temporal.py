@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
+from ndtorch.errors import InputError
 from ndtorch.scenes import Bar, BarScene
 from ndtorch.vision import (
     NDS,
@@ -26,6 +27,7 @@ from ndtorch.vision import (
     RunningMax,
     VisualFeatures,
     field_weights,
+    smoothing_factor,
 )
 from ndtorch.vision.motion import Border
 from ndtorch.vision.temporal import BLOCK, corrected, low_pass, low_pass_block, predicted
@@ -77,6 +79,42 @@ def test_low_pass_is_a_first_order_recursion(tau: float) -> None:
     expected = low_passed(x.numpy(), tau, 0.01)
     assert_allclose(out, expected, atol=1e-13)
     assert_allclose(state.low, expected[-1], atol=1e-13)
+
+
+@pytest.mark.parametrize("rate", [20, 100, 1000])
+@pytest.mark.parametrize("tau", [0.05, 0.5, torch.tensor(0.05).double()])
+def test_exact_filters_decay_as_the_continuous_one_at_any_rate(tau: float, rate: int) -> None:
+    step = torch.ones(rate // 2 + 1, 1, dtype=torch.float64)
+    step[0] = 0
+    seconds = np.arange(len(step)) / rate
+    low = LowPass(tau, 1 / rate, 1, "exact")(step)[0][:, 0]
+    assert_allclose(low, 1 - np.exp(-seconds / float(tau)), rtol=1e-12)
+    for module in (NDMinus(tau, 1 / rate, discretization="exact"), NDS(tau, 0.0, 1 / rate, discretization="exact")):
+        high = module(step.view(-1, 1, 1, 1))[0].flatten()
+        assert_allclose(high, (seconds > 0) * np.exp(-seconds / float(tau)) * isinstance(module, NDS), atol=1e-12)
+
+
+def test_exact_filters_at_the_ends_of_their_range() -> None:
+    x, dt = noise(7, 4), 0.01
+    assert torch.equal(LowPass(0.0, dt, 1, "exact")(x)[0], x)
+    assert torch.equal(LowPass(math.inf, dt, 1, "exact")(x)[0], x[:1].expand(7, 4))
+    tau = torch.tensor(-0.01, requires_grad=True)
+    a = smoothing_factor(tau, dt, discretization="exact")
+    assert float(a.detach()) == pytest.approx(1.0, abs=1e-4)
+    assert float(torch.autograd.grad(a, tau)[0]) < 0
+    with pytest.raises(InputError, match="euler or exact"):
+        LowPass(0.1, dt, 1, "tustin")  # type: ignore[arg-type]
+
+
+def test_kernels_filter_as_the_modules_do() -> None:
+    frames = torch.rand(6, 3, 64, 64)
+    sums = {
+        (backend, kind): VisualFeatures((64, 64), 0.04, backend=backend, discretization=kind)(frames)[0][:, :4]
+        for backend in ("numba", "torch")
+        for kind in ("euler", "exact")
+    }
+    assert_allclose(sums["numba", "exact"], sums["torch", "exact"], rtol=1e-4, atol=1e-4)
+    assert float((sums["numba", "exact"] / sums["numba", "euler"])[2:].std()) > 1e-3
 
 
 def test_tau_zero_passes_and_tau_inf_holds_the_first_sample() -> None:

@@ -20,7 +20,7 @@ from ndtorch.binding.objects import BoundObject, features_by_group
 from ndtorch.config import Constants, ModelConfig, constant
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import safe_state
-from ndtorch.vision.features import FEATURES, VisualFeatures
+from ndtorch.vision.features import FEATURES
 from ndtorch.vision.frames import frames_in
 from ndtorch.vision.motion import Border, MotionState
 from ndtorch.vision.receptive_fields import LocalFeatures
@@ -95,11 +95,7 @@ class RetinotopicModel(BindingModel):
         super().__init__()
         c = self.config = config or RetinotopicConfig()
         self.dt, self.settle = 1 / c.fps, 0.0
-        f = c.fields
-        features = VisualFeatures(
-            c.size, self.dt, f.tau_motion_high, f.tau_motion_low, c.border, f.exact, f.center, f.surround
-        )
-        self.eyes = LocalFeatures(features, f.along)
+        self.eyes = LocalFeatures(c.fields.detectors(c.size, self.dt, c.border), c.fields.along)
         weights = torch.zeros(10, 10) if first_stage is None else first_stage_weights(first_stage)
         self.register_buffer("first_weights", weights)
         self.windows = ObjectFiles(self.eyes.grid, self.eyes.spacing, self.dt, c.border, c.tracking)

@@ -24,7 +24,7 @@ from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.frames import frames_in
 from ndtorch.vision.motion import Border, MotionState
-from ndtorch.vision.temporal import FilterState, LowPass, Resample, ResampleState
+from ndtorch.vision.temporal import Discretization, FilterState, LowPass, Resample, ResampleState
 
 
 class WholeField(Constants):
@@ -32,6 +32,9 @@ class WholeField(Constants):
 
     tau_motion_high: float = constant(0.5, "High-pass of the motion detectors, seconds.", ge=0)
     tau_motion_low: float = constant(0.05, "Delay filter of the motion detectors, seconds.", ge=0)
+    discretization: Discretization = constant(
+        "euler", "Filters of the motion detectors: euler (as published) or exact (1 - exp(-dt / tau))."
+    )
     center: Deviations = constant(
         (19.0, 6.0), "Deviations of the center of the orientation filters along and across, pixels."
     )
@@ -39,6 +42,11 @@ class WholeField(Constants):
         (22.0, 9.0), "Deviations of the surround of the orientation filters along and across, pixels."
     )
     exact: bool = constant(False, "Orientation sums at full resolution: slower, differs by < 0.5 %.")
+
+    def detectors(self, size: tuple[int, int], dt: float, border: Border) -> VisualFeatures:
+        """The detectors with these constants."""
+        taus, sigmas = (self.tau_motion_high, self.tau_motion_low), (self.center, self.surround)
+        return VisualFeatures(size, dt, *taus, border, self.exact, *sigmas, discretization=self.discretization)
 
 
 LEARNABLE_FIELD = ("tau_motion_high", "tau_motion_low", "center", "surround")
@@ -118,9 +126,7 @@ class WholeFieldModel(BindingModel):
         c = self.config = config
         self.dt, self.settle = dt, c.network.settle
         f, n = c.fields, c.normalise
-        self.features = VisualFeatures(
-            c.size, 1 / c.fps, f.tau_motion_high, f.tau_motion_low, c.border, f.exact, f.center, f.surround
-        )
+        self.features = f.detectors(c.size, 1 / c.fps, c.border)
         self.resample = Resample(1 / c.fps, dt)
         self.inputs = BindingInputs(dt, n.order, n.tau_sums, n.window, n.floor)
         weights = torch.zeros(10, 10) if first_stage is None else first_stage_weights(first_stage)
