@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 
 from ndtorch.cli.command_run import INTERRUPTED, UNUSABLE, Subcommand, missing, run_command
-from ndtorch.cli.streams import line, unblocked
+from ndtorch.cli.streams import line, open_closed_streams, unblocked
 from ndtorch.errors import did_you_mean
 from ndtorch.run.arguments import EVERY
 from ndtorch.utils.packages import OURS
@@ -90,14 +90,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def program() -> int:
     """`main` as a program: whoever reads what it prints may stop reading, as `head` does."""
+    os.environ["MPLBACKEND"] = "Agg"  # figures are files, whatever a notebook has set
+    open_closed_streams()
     sys.stderr = unblocked(sys.stderr)
     try:
         with ended_like_ctrl_c() as came:
+            sys.stdout = unblocked(sys.stdout, lambda: not came)
             code = main()
-        sys.stdout.flush()
     except BrokenPipeError:
-        # Python flushes once more at its end, and would complain.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNREAD
     except KeyboardInterrupt:
         # It came before there was a command, or after it.

@@ -6,6 +6,8 @@ import contextlib
 import os
 import re
 import select
+import sys
+from collections.abc import Callable
 from typing import Any, TextIO, cast
 
 PIECE = 4096
@@ -26,10 +28,14 @@ class Unblocked:
     """A stream that never waits: what a full pipe or a stopped terminal does not take is dropped.
 
     A loop that holds wheels, and the end of a program, wait for nobody who has to read.
+
+    Args:
+        stream: of the system.
+        waits: says whether to wait for the reader all the same, and to raise `OSError` where it is gone.
     """
 
-    def __init__(self, stream: TextIO) -> None:
-        self.stream, self.number, self.patience = stream, stream.fileno(), PATIENCE_MS
+    def __init__(self, stream: TextIO, waits: Callable[[], bool] = lambda: False) -> None:
+        self.stream, self.number, self.patience, self.waits = stream, stream.fileno(), PATIENCE_MS, waits
         self.poll = select.poll()
         self.poll.register(self.number, select.POLLOUT)
 
@@ -37,23 +43,36 @@ class Unblocked:
         return getattr(self.stream, name)
 
     def write(self, text: str) -> int:
-        data = text.encode(errors="backslashreplace")
-        with contextlib.suppress(OSError):  # the reader is gone
-            for start in range(0, len(data), PIECE):
-                ready = self.poll.poll(self.patience)
+        data = text.encode(self.stream.encoding, errors="backslashreplace")
+        try:
+            while data:
+                ready = self.poll.poll(None if self.waits() else self.patience)
                 self.patience = PATIENCE_MS if ready else 0.0
                 if not ready:
                     break
-                os.write(self.number, data[start : start + PIECE])
+                data = data[os.write(self.number, data[:PIECE]) :]
+        except OSError:  # the reader is gone
+            if self.waits():
+                raise
         return len(text)
 
     def flush(self) -> None:
         """Nothing is kept back."""
 
 
-def unblocked(stream: TextIO) -> TextIO:
-    """The stream as one that never waits, if it is one of the system's."""
+def unblocked(stream: TextIO, waits: Callable[[], bool] = lambda: False) -> TextIO:
+    """The stream as `Unblocked`, if it is one of the system's."""
     try:
-        return cast("TextIO", Unblocked(stream))
+        return cast("TextIO", Unblocked(stream, waits))
     except (AttributeError, OSError, ValueError):
         return stream
+
+
+def open_closed_streams() -> None:
+    """Where stdin, stdout or stderr is closed, let it lead nowhere: no file that is opened later takes its place."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        with contextlib.suppress(OSError):
+            os.fstat(number)
+            continue
+        os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+        setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))

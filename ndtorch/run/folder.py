@@ -9,7 +9,7 @@ from itertools import count
 from pathlib import Path
 
 from ndtorch.errors import InputError
-from ndtorch.utils.files import sync
+from ndtorch.utils.files import readable, sync
 
 UNFINISHED = "unfinished"
 """Where files are until a run has ended. It is no hidden name: what a killed run leaves can be seen."""
@@ -75,6 +75,8 @@ def new_file(file: Path, force: bool = False) -> None:
 
 def make_writable(folder: Path) -> None:
     """Make a folder and write a little in it, before any time is spent; raises `InputError` where that fails."""
+    if readable(str(folder)) != str(folder):
+        raise InputError(f"--out {folder}: a name that is not UTF-8")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder) as file:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ndtorch.errors import InputError
-from ndtorch.utils.files import read_text
+from ndtorch.utils.files import read_bytes, read_text, readable
 
 MOST_PIXELS, LONGEST = 2**26, 2**15
 """Pixels of the largest picture that is decoded, and of its longest side: a small file may claim any size."""
@@ -169,16 +169,13 @@ class ImagesReader(Reader):
     """
 
     def __init__(self, path: Path) -> None:
-        import cv2
-
         folder, rate = mot_sequence(path)
         self.path, self.fps, self.transparent = path, rate or FOLDER_FPS, False
         self.files, self.notes = image_files(folder)
         self.stamps = times_in(self.files)
-        self.count, self.names = len(self.files), [file.name for file in self.files]
-        with quiet_opencv(), contextlib.suppress(cv2.error):
-            whole = cv2.imread(str(self.files[0]), UNCHANGED)
-            self.transparent = whole is not None and whole.ndim == 3 and whole.shape[2] == 4
+        self.count, self.names = len(self.files), [readable(file.name) for file in self.files]
+        whole = read_image(self.files[0], UNCHANGED)
+        self.transparent = whole is not None and whole.ndim == 3 and whole.shape[2] == 4
         first = self.image(0)
         self.size, self.stretch = (first.shape[0], first.shape[1]), find_stretch(first)
         words = "by seqinfo.ini" if rate else "at an assumed"
@@ -192,11 +189,8 @@ class ImagesReader(Reader):
         Raises:
             InputError: an image that cannot be decoded, or is of another size than the first.
         """
-        import cv2
-
-        path, image = self.files[number], None
-        with quiet_opencv(), contextlib.suppress(cv2.error):
-            image = cv2.imread(str(path), UNCHANGED if self.transparent else DEPTH_AND_COLOR)
+        path = self.files[number]
+        image = read_image(path, UNCHANGED if self.transparent else DEPTH_AND_COLOR)
         if image is not None and image.ndim == 3 and image.shape[2] == 4:
             ground = 0.5 if image.dtype.kind == "f" else 127.5 if image.dtype == np.uint8 else 32767.5
             opaque = image[..., 3:] / (2.0 * ground)
@@ -209,7 +203,7 @@ class ImagesReader(Reader):
                 f"images must have one size: the first is {width} x {height} pixels, "
                 f"{path.name} {own_width} x {own_height}"
             )
-        return np.asarray(image)
+        return image
 
     def read(self) -> Iterator[StampedFrame]:
         for number in range(self.count or 0):
@@ -324,6 +318,17 @@ def quiet_opencv() -> Iterator[None]:
         yield
     finally:
         logger.setLogLevel(level)
+
+
+def read_image(path: Path, flags: int) -> Image | None:
+    """An image file as `cv2.imread` reads it, of any name, or None. Raises `InputError`: no regular file."""
+    import cv2
+
+    data = np.frombuffer(read_bytes(path), np.uint8)
+    image: Any = None
+    with quiet_opencv(), contextlib.suppress(cv2.error):
+        image = cv2.imdecode(data, flags)
+    return None if image is None else np.asarray(image)
 
 
 def open_capture(source: int | str) -> Any:

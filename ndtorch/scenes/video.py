@@ -29,6 +29,7 @@ from ndtorch.scenes.readers import (
     Reader,
     StampedFrame,
 )
+from ndtorch.utils.files import readable
 
 log = logging.getLogger(__name__)
 Fit = Literal["crop", "stretch", "reduce"]
@@ -117,10 +118,10 @@ def open_reader(source: int | str | Path) -> tuple[Reader, str]:
     if path.is_char_device() and path.name.startswith("video"):
         return LiveReader(str(path)), path.name
     if path.is_dir():
-        return ImagesReader(path), path.resolve().name
+        return ImagesReader(path), readable(path.resolve().name)
     if path.suffix.lower() in IMAGE_SUFFIXES:
         raise InputError(f"{path} is one image: a video or a folder of images is needed")
-    return FileReader(path), path.stem
+    return FileReader(path), readable(path.stem)
 
 
 class VideoSource(FrameSource):

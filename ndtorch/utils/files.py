@@ -103,6 +103,11 @@ def read_text(path: str | Path, most: int = TEXT_BYTES) -> str:
     return read_bytes(path, most).decode()
 
 
+def readable(name: str) -> str:
+    """A file name as text: bytes that are no UTF-8 are replaced."""
+    return os.fsencode(name).decode(errors="replace")
+
+
 def tensor_digest(tensors: Mapping[str, Tensor], about: Mapping[str, str]) -> str:
     """SHA-256 over names, types, shapes and values of tensors, and over strings."""
     import torch

@@ -79,6 +79,8 @@ def test_notes_on_films_are_true(tmp_path: Path, caplog: pytest.LogCaptureFixtur
         streams = [file.add_stream("libx264", rate=25) for _ in range(2)]
         for stream, size in zip(streams, ((64, 80), SIZE), strict=True):
             stream.height, stream.width = size
+        for stream in streams:
+            size = stream.height, stream.width
             for n in range(10):
                 file.mux(stream.encode(av.VideoFrame.from_ndarray(picture(n)[: size[0], : size[1]].copy(), "rgb24")))
             file.mux(stream.encode())

@@ -111,19 +111,18 @@ class Calibrate:
     def folder_pairs(self) -> Iterator[tuple[Image, Image]]:
         import cv2
 
-        from ndtorch.scenes.readers import image_files, quiet_opencv
+        from ndtorch.scenes.readers import image_files, read_image
 
         files = []
         for folder in (self.left, self.right):
             if not Path(folder).is_dir():
                 raise InputError(f"{folder}: no such folder")
-            files.append(image_files(Path(folder)))
+            files.append(image_files(Path(folder))[0])
         if len(files[0]) != len(files[1]):
             raise InputError(f"the folders must hold as many images, got {len(files[0])} and {len(files[1])}")
         size = None
         for paths in zip(*files, strict=True):
-            with quiet_opencv():
-                images: list[Any] = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
+            images: list[Any] = [read_image(path, cv2.IMREAD_GRAYSCALE) for path in paths]
             for path, image in zip(paths, images, strict=True):
                 if image is None or image.shape != (size := size or image.shape):
                     raise InputError(f"{path}: not an image, or not of the size of the others")
