@@ -47,11 +47,9 @@ class RobotOptions(NavigatorOptions):
     @cached_property
     def robot_config(self) -> RunConfig:
         """The robot; the car of [A] by default."""
-        from ndtorch_robot.run_config import RunConfig, SimulationTable, read_run_config
+        from ndtorch_robot.run_config import RunConfig, read_run_config
 
-        if self.robot is None:
-            return RunConfig(board_name="A", simulation=SimulationTable())
-        return read_run_config(self.robot)
+        return RunConfig() if self.robot is None else read_run_config(self.robot)
 
 
 @dataclass(frozen=True)

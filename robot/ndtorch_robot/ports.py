@@ -7,11 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import InitVar, dataclass
 from enum import Enum, auto
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
-from torch import Tensor
+if TYPE_CHECKING:
+    from torch import Tensor
 
-from ndtorch.navigation import NavigatorState, Strips
+    from ndtorch.navigation import NavigatorState, Strips
 
 Placed = tuple[float, float, float] | None
 """x, y, m, and heading, radians, to which a person has moved the car; None where nobody has."""

@@ -101,8 +101,8 @@ class Ros2Table(ConfigTable):
 class RunConfig(ConfigTable):
     """The file of a robot for `ndtorch run`; `--robot` of other commands reads body, cameras, limits and navigation."""
 
-    board_name: Annotated[str, Field(min_length=1, max_length=8)]
-    """Name of the board; its welcome message has room for 8 letters."""
+    board_name: Annotated[str, Field(min_length=1, max_length=8)] = "maxston8"
+    """Name of the board, ROBOT_NAME in the firmware's config.h, up to 8 letters."""
     rate_hz: Annotated[float, Field(gt=0, le=200)] = 30.0
     """Steps of the loop a second, in Hz."""
     body: Body = Body()
@@ -140,12 +140,19 @@ class RunConfig(ConfigTable):
 
     @model_validator(mode="after")
     def one_world(self) -> RunConfig:
-        """Either real cameras or the simulated world, and a link that is known."""
-        if (self.cameras is None) == (self.simulation is None):
+        """Not both real cameras and the simulated world, and a link that is known."""
+        if self.cameras is not None and self.simulation is not None:
             raise ValueError("give one of the tables [cameras] and [simulation]")
-        if self.simulation is None and "kind" not in self.link and "device" not in self.link:
+        if self.cameras is not None and not {"kind", "device"} & self.link.keys():
             raise ValueError("real cameras need a real board: give link.device")
-        check_link(self.link_table())
+        if self.cameras or self.simulation or self.link:
+            check_link(self.link_table())
+        return self
+
+    def for_run(self) -> RunConfig:
+        """The configuration itself; `InputError` without a car to run, real or simulated."""
+        if self.cameras is None and self.simulation is None:
+            raise InputError("a car to run needs the tables [cameras] and [link], or the table [simulation]")
         return self
 
     def link_table(self) -> dict[str, Any]:

@@ -47,7 +47,7 @@ def test_a_car_stands_without_go_and_faults_are_named(car, capsys):
 @needs_compiler
 def test_the_firmware_passes_the_check(capsys):
     """In simulated time: directions, speeds and the emergency stop of the board's own code."""
-    assert main(["check", "sim", "--yes", "--json"]) == 0
+    assert main(["check", "sim", "--json"]) == 0
     points = dict.fromkeys(("cameras", "link", "directions", "emergency_stop"), True)
     assert json.loads(capsys.readouterr().out) == points
 
@@ -56,5 +56,15 @@ def test_the_end_of_the_input_counts_as_no(capsys, monkeypatch):
     monkeypatch.setattr("builtins.input", lambda: (_ for _ in ()).throw(EOFError))
     monkeypatch.setattr("ndtorch_robot.run.open_drive", lambda *_: nullcontext((None, None, None)))
     monkeypatch.setattr(Check, "link", lambda *_: True)
-    assert main(["check", "sim"]) == 1
+    assert main(["check", "maxstone8"]) == 1
     assert capsys.readouterr().err == "put the car on a block first\n"
+
+
+def test_a_file_with_body_and_rig_drives_and_a_run_says_what_it_lacks(tmp_path, capsys):
+    """The file that docs/robot/robots.md shows."""
+    text = (Path(__file__).parents[2] / "docs" / "robot" / "robots.md").read_text()
+    (tmp_path / "robot.toml").write_text(text.split("```toml\n")[1].split("```")[0])
+    robot = str(tmp_path / "robot.toml")
+    assert main(["drive", "--robot", robot, "--seconds", "0.1", "--out", str(tmp_path / "out")]) == 0
+    assert main(["run", robot, "--go"]) == 2
+    assert "[cameras] and [link], or the table [simulation]" in capsys.readouterr().err

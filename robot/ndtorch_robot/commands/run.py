@@ -55,7 +55,7 @@ class Run:
 
         if self.seconds is not None and not self.seconds > 0:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
-        config = read_run_config(self.config)
+        config = read_run_config(self.config).for_run()
         if self.save_map is not None and not config.navigation.map_half_size_m:
             raise InputError("--save-map needs a map: set map_half_size_m in [navigation], in m from the start")
         torch.set_num_threads(1)
