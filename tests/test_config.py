@@ -37,6 +37,7 @@ def test_defaults_are_the_published_constants() -> None:
     network = PublishedConfig().model_dump()["network"]
     assert network == {
         "dt": 0.01,
+        "delay": 0.0,
         "rule": "competitive",
         "f": "cube",
         "g": "tanh-pi",

@@ -44,7 +44,8 @@ class NetworkState(NamedTuple):
         outputs: the latest outputs, `[..., N]`.
         input_low: what the input high-pass has taken for the mean, `[..., N]`.
         output_low: the same for the outputs in the learning rule, `[..., N]`.
-        recent: the latest inputs since the last change of the weights and before, `[..., E - 1, N]`, oldest first.
+        recent: the latest inputs since the last change of the weights and before, `[..., E - 1, N]`, oldest first; with
+            delayed feedback the outputs that have not inhibited yet, but for the latest.
         fluctuation: running mean of o'^2, summed over fields, `[..., N]`, if the rule looks at it.
         clock: time steps that the clock of the learning has run, float64 scalar.
         stopped: networks whose learning has ended, `[...]`, bool.
@@ -118,7 +119,8 @@ class InhibitoryNetwork(FullPrecision):
     """Neurons that inhibit one another; the weights W are learned from common fluctuations. [B eq. 22-24]
 
     Delayed feedback is that of the papers, `o(t + dt) = i'(t) - W o(t)`; settled feedback is what this comes to rest
-    at, `o = (I + W)^-1 i'`, at any time step. i' is the input high-passed with `tau_in`; the rule sees o' = outputs
+    at, `o = (I + W)^-1 i'`, at any time step. With a `delay` tau_i of its own it is `o(t) = i'(t) - W o(t - tau_i)`
+    [B eq. 18]. i' is the input high-passed with `tau_in`; the rule sees o' = outputs
     high-passed with `tau_out`. The weights change at every step where the feedback is delayed, else every `every`
     seconds.
 
@@ -127,9 +129,10 @@ class InhibitoryNetwork(FullPrecision):
 
     Args:
         neurons: N, 2 to 8192.
-        dt: time step in seconds. It is also the delay of delayed feedback.
+        dt: time step in seconds, and the delay of delayed feedback where that is not longer.
         rule: learning rule, or its name; None for fixed weights.
         feedback: "delayed" or "settled".
+        delay: seconds until outputs inhibit, rounded to time steps, one at least.
         shared: one weight matrix for all fields.
         tau_in, tau_out: time constants of the two high-passes, seconds; as `torch.nn.Parameter` they are learned;
             `tau_in=inf` lets the input through.
@@ -178,6 +181,7 @@ class InhibitoryNetwork(FullPrecision):
         rule: Rule | str | None = "competitive",
         feedback: Feedback = "delayed",
         shared: bool = False,
+        delay: float = 0.0,
         tau_in: Seconds = 1.0,
         tau_out: Seconds = 0.5,
         tau_power: float = 3.0,
@@ -205,10 +209,13 @@ class InhibitoryNetwork(FullPrecision):
                 raise InputError(f"initial weights must be [{neurons}, {neurons}], got {tuple(initial.shape)}")
             if (initial < 0).any() or initial.diagonal().any():
                 raise InputError("initial weights must not be negative, and zero on the diagonal")
-        for name, value in {"settle": settle, "window": window, "every": every, "faint": faint}.items():
+        for name, value in {"settle": settle, "window": window, "every": every, "faint": faint, "delay": delay}.items():
             check_number(name, value, least=0, unit="" if name == "faint" else "seconds")
         if feedback == "delayed" and (every > dt or faint):
             raise InputError(f"delayed feedback changes its weights at every step, got every={every}, faint={faint}")
+        if feedback == "settled" and delay:
+            raise InputError(f"settled feedback has no delay, got delay={delay}")
+        self.lag = max(1, round(delay / dt))
         self.neurons, self.shared, self.backend = neurons, shared, check_backend(backend)
         self.feedback, self.settle, self.faint, self.when_full = feedback, settle, faint, when_full
         self.every, self.rule, self.time = max(1, round(every / dt)), rule, -3 if shared else -2
@@ -276,7 +283,7 @@ class InhibitoryNetwork(FullPrecision):
             outputs=torch.zeros_like(first),
             input_low=first.clone() if self.filters_input else torch.zeros_like(first),
             output_low=torch.zeros_like(first),
-            recent=first.new_zeros(*batch, self.every - 1, *first.shape[len(batch) :]),
+            recent=first.new_zeros(*batch, max(self.every, self.lag) - 1, *first.shape[len(batch) :]),
             fluctuation=first.new_zeros(*batch, n),
             clock=torch.zeros((), dtype=torch.float64, device=first.device),
             stopped=torch.zeros(batch, dtype=torch.bool, device=first.device),
@@ -337,9 +344,10 @@ class InhibitoryNetwork(FullPrecision):
             outputs like `drive` `[..., T, N]`, or `[..., T, F, N]` of fields; the state after; and of every change the
             summed magnitude of that of the mean weights, `[...]`, and whether it was one, None for yes.
         """
-        outs, shifts, time = list[Tensor](), list[Any](), self.time
+        outs, shifts, time, lag = list[Tensor](), list[Any](), self.time, self.lag
+        past = [*state.recent.unbind(time), state.outputs]
         for sample, timing in zip(drive.unbind(time), self._timings(state.steps, drive), strict=True):
-            weights, before = state.weights, state.outputs
+            weights, before = state.weights, past[-lag]
             if self.shared:
                 out = sample - before @ weights.mT
             elif sample.ndim == 1:
@@ -347,6 +355,7 @@ class InhibitoryNetwork(FullPrecision):
             else:
                 out = sample - (weights @ before.unsqueeze(-1)).squeeze(-1)
             outs.append(out)
+            past.append(out)
             if self.rule is None:
                 state = state._replace(outputs=out)
                 continue
@@ -354,7 +363,8 @@ class InhibitoryNetwork(FullPrecision):
             state, shift = self._learn((out - low).unsqueeze(time), low, out, state, timing)
             if shift is not None:
                 shifts.append((shift, None))
-        return torch.stack(outs, time), state, shifts
+        recent = torch.stack(past[-lag:-1], time) if lag > 1 else state.recent
+        return torch.stack(outs, time), state._replace(recent=recent), shifts
 
     def _settled(self, drive: Tensor, state: NetworkState) -> tuple[Tensor, NetworkState, list[Any]]:
         """`o = (I + W)^-1 i'` [C eq. 2], and a change of the weights after every block of `every` steps, counted from

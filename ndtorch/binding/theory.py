@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.arguments import check_dense, check_tensor
+from ndtorch.binding.rules import Rule
 from ndtorch.binding.spectrum import check_square, spectral_radius
 from ndtorch.errors import InputError
 
@@ -81,6 +82,32 @@ def count_solutions(neurons: int, sources: int) -> int:
         raise InputError(f"sources must be between 1 and the {neurons} neurons, got {sources}")
     arrangements = math.perm(neurons, sources)
     return arrangements if sources == neurons else arrangements**2
+
+
+def mean_update(rule: Rule, outputs: Tensor) -> Tensor:
+    """Mean change of each weight that a rule makes of fluctuations o' of outputs, `E[a(o'_n) b(o'_k)]`. [C eq. 37-40]
+
+    Weights are a stable state of the learning rule where it is zero. For independent sources it is the product of
+    `E[a(s'_n)]` and `E[b(s'_k)]`, which is zero where one of the two has no `skewness` [C §5.3.4].
+
+    Args:
+        outputs: high-passed, `[T, N]`.
+
+    Returns:
+        `[N, N]`, zero on the diagonal, in units of the learning rate.
+    """
+    power = outputs.square().sum(0)
+    change = rule.change(outputs, power, outputs.new_zeros(outputs.shape[-1], outputs.shape[-1]), len(outputs))
+    return change - torch.diag(change.diagonal())
+
+
+def skewness(x: Tensor) -> Tensor:
+    """Third moment of signals `[T, N]` about zero over the cube of their root mean square, `[N]`. [C §5.3.4]
+
+    >>> skewness(torch.tensor([[-1.0], [-1.0], [2.0]])).round(decimals=3)
+    tensor([0.7070])
+    """
+    return x.pow(3).mean(0) / x.square().mean(0).pow(1.5)
 
 
 def largest_free_weight(weights: Tensor, row: int, column: int) -> float:

@@ -92,6 +92,21 @@ def test_network_learns_as_a_plain_loop_does(rule: str) -> None:
     assert int(state.steps) == 50
 
 
+def test_inhibition_has_a_delay_of_its_own() -> None:
+    """`o(t) = i'(t) - W o(t - tau_i)` [B eq. 18], in chunks too."""
+    inputs, initial = noise(20, 3), torch.tensor([[0.0, 0.3, 0.1], [0.5, 0.0, 0.0], [0.2, 0.1, 0.0]]).double()
+    network = InhibitoryNetwork(3, 0.01, None, delay=0.04, tau_in=math.inf, initial=initial)
+    expected: list[torch.Tensor] = []
+    for t, sample in enumerate(inputs):
+        expected.append(sample - initial @ expected[t - 4] if t >= 4 else sample)
+    out, _ = network(inputs)
+    assert_allclose(out, torch.stack(expected), atol=1e-12)
+    first, state = network(inputs[:3])
+    assert torch.equal(torch.cat([first, network(inputs[3:], state)[0]]), out)
+    learning, quick = (small(delay=delay)(inputs)[1].weights for delay in (0.01, 0.0))
+    assert torch.equal(learning, quick)
+
+
 @pytest.mark.parametrize("when_full", ["rescale", "stop"])
 def test_network_is_limited_as_a_plain_loop_is(when_full: WhenFull) -> None:
     inputs = noise(50, 3) + noise(50, 1, seed=1)

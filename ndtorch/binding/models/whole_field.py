@@ -238,7 +238,8 @@ class WholeFieldModel(BindingModel):
 class PublishedNetwork(Constants):
     """The four networks; the three of the first stage do not learn."""
 
-    dt: float = constant(0.01, "Time step and delay of the feedback, seconds.", gt=0)
+    dt: float = constant(0.01, "Time step and shortest delay of the feedback, seconds.", gt=0)
+    delay: float = constant(0.0, "Delay of the feedback in time steps of dt, one at least, seconds.", ge=0, le=10)
     rule: str = constant(
         "competitive", "Learning rule: competitive, cooperative, hebbian, or a name of your own in RULES."
     )
@@ -303,7 +304,9 @@ class PublishedModel(WholeFieldModel):
         c = config or PublishedConfig()
         super().__init__(c, first_stage, c.network.dt)
         # The inputs come high-passed. The three networks are one with weights inside the groups only.
-        self.first = InhibitoryNetwork(10, self.dt, None, tau_in=float("inf"), initial=self.first_weights)
+        self.first = InhibitoryNetwork(
+            10, self.dt, None, tau_in=float("inf"), initial=self.first_weights, delay=c.network.delay
+        )
         self.second = second_stage(c, gamma)
         self._given_rule, self._given_gamma = "", gamma is not None
         if rule is not None:
@@ -371,6 +374,7 @@ def second_stage(config: PublishedConfig, gamma: float | Tensor | None = None) -
         10,
         n.dt,
         rule=learning_rule(n.rule, f=n.f, g=n.g, gamma=rate, tau_onset=n.tau_onset, radius_limit=n.radius_limit),
+        delay=n.delay,
         tau_in=n.tau_in,
         tau_out=n.tau_out,
         settle=n.settle,

@@ -26,7 +26,7 @@ COLUMNS = [Column(key, key) for key in ("id", "claim", "printed", "ours", "toler
 
 @dataclass(frozen=True)
 class Reproduce(Options):
-    """Reproduce the published results: every claim of the three papers, or those named (A1 to C9).
+    """Reproduce the published results: every claim of the three papers, or those named (A1 to C12).
 
     Writes report.html, a page with the table of claims and all figures that opens offline, claims.csv, claims.md, all
     numbers (rows.jsonl), and the figures as SVG and PNG. A stopped run continues.

@@ -51,7 +51,7 @@ class Claim(NamedTuple):
     """A published result and the experiment that tries it.
 
     Attributes:
-        id: A1 to A9, B1 to B9 and C1 to C9.
+        id: letter of the paper and number.
         source: where it is printed.
         text: the claim.
         printed: the printed value, or what the figure shows.

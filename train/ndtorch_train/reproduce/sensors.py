@@ -110,10 +110,23 @@ def time_constants(
             curve = judge_speed_curve(torch.tensor(speeds), magnitudes(NDS(high, low), speeds, 4, settle, 160))
             found[high, low] = float(curve.monotonic_to), float(curve.linearity)
     high, low = max(found, key=lambda pair: found[pair])
-    ours = f"{1000 * high:g} ms / {1000 * low:g} ms"
+    best = {}
+    for name, sensor in (("ND-minus", NDMinus), ("ND-min", NDMin)):
+        single = {}
+        for tau in taus:
+            settle = math.ceil(5 * tau * 30) if math.isfinite(tau) else 0
+            curve = judge_speed_curve(torch.tensor(speeds), magnitudes(sensor(tau), speeds, 4, settle, 160))
+            single[tau] = float(curve.monotonic_to), float(curve.linearity)
+        best[name] = max(single, key=lambda tau: single[tau])
+    ours = f"{1000 * high:g} ms / {1000 * low:g} ms; " + ", ".join(f"{n} {1000 * tau:g} ms" for n, tau in best.items())
     why = "High-pass / low-pass of NDS; by range of increase first, then absence of saturation, as in the paper."
     numbers = {"reach and straightness": {str(pair): result for pair, result in found.items()}}
-    return Outcome(ours, why, {"5 ms / 0": (high, low) == (0.005, 0.0)}, numbers)
+    return Outcome(
+        ours,
+        why,
+        {"5 ms / 0": (high, low) == (0.005, 0.0)} | {f"{n} 5 ms": tau == 0.005 for n, tau in best.items()},
+        numbers,
+    )
 
 
 def pixel_angle(context: Context) -> Outcome:

@@ -1,4 +1,5 @@
-"""C4 to C7: two neurons that learn from mixed sinusoids [C §5.4]; solutions of a mixture, and stable ones [C §5.3]."""
+"""C4 to C7, C10, C11: two neurons that learn from mixed sinusoids [C §5.4]; solutions of a mixture, and stable ones, of
+the network and of the learning rule [C §5.3]."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import InhibitoryNetwork, learning_rule, separated, solutions, spectral_radius
-from ndtorch.binding.theory import count_solutions, largest_free_weight
+from ndtorch.binding.theory import count_solutions, largest_free_weight, mean_update, skewness
 from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, panels
 from ndtorch_train.reproduce.experiment import Context, Outcome
 
@@ -207,6 +208,68 @@ def solutions_of_mixtures(context: Context, largest: int = 4, mixtures: int = 4)
     ours = f"all {sum(r['found'] for r in rows) * mixtures:.0f} solve; stability right {agree} of {tried}"
     why = "N!/(N-m)! for one mixture; the square counts also which sources are present. Eq. 34 bounds T21, not T12."
     return Outcome(ours, why, criteria, {"rows": rows, "limits, largest relative error": max(errors)})
+
+
+def rule_stability(context: Context, samples: int = 400_000, trials: int = 20) -> Outcome:
+    """Mean update of solved weights, where outputs are independent sources of zero mean, with and without skewness."""
+    generator, rule = torch.Generator().manual_seed(0), learning_rule("competitive")
+
+    def uniform() -> Tensor:
+        return 1.2 * torch.rand(samples, generator=generator, dtype=torch.float64) - 0.6
+
+    def skewed() -> Tensor:
+        return -0.35 * (1 + torch.rand(samples, generator=generator, dtype=torch.float64).log())
+
+    kinds = {"neither": (uniform, uniform), "one": (uniform, skewed), "both": (skewed, skewed)}
+    ratios, products, means, skews = dict[str, float](), 0.0, 0.0, []
+    for name, makers in kinds.items():
+        found = []
+        for _ in range(trials):
+            x = torch.stack([make() for make in makers], -1)
+            a, b = rule.row(x), rule.column(x)  # type: ignore[attr-defined]
+            mean, size = mean_update(rule, x), a.abs().mean(0)[:, None] * b.abs().mean(0)
+            found.append(torch.stack([mean[0, 1] / size[0, 1], mean[1, 0] / size[1, 0]]))
+            if name == "both":
+                products += float(a[:, 0].mean() * b[:, 1].mean())
+                means += float(mean[0, 1])
+                skews.append(skewness(x).tolist())
+        ratios[name] = float(torch.stack(found).mean(0).abs().max())
+    figure, (one,) = panels("a", 5, 3.4)
+    one.bar(list(ratios), [100 * ratio for ratio in ratios.values()], color=BLUE)
+    one.set(xlabel="sources with skewness", ylabel="mean over size of updates (%)")
+    context.draw("C-skewness", figure, "C §5.3.4", "Mean update of weights that solve the mixture.")
+    criteria = {
+        "zero mean (1 % of its size) without skewness": ratios["neither"] < 0.01,
+        "and with that of one source": ratios["one"] < 0.01,
+        "not zero with that of both": ratios["both"] > 0.1,
+        "the mean is the product of E[g] and E[f] (5 %)": abs(products / means - 1) < 0.05,
+    }
+    ours = "mean over size of updates: " + ", ".join(f"{name} skewed {100 * r:.1f} %" for name, r in ratios.items())
+    why = f"Independent sources, uniform or exponential (skewness {sum(s[0] for s in skews) / trials:.1f})."
+    return Outcome(ours, why, criteria, {"product over mean": products / means})
+
+
+def weight_against_ratio(context: Context, seconds: float = 15.0) -> Outcome:
+    """One source, competitive rule: both weights against the ratio of the two mixing weights."""
+    mixed = (0.65, 0.7, 0.8, 0.9, 1.0)
+    ends = torch.stack([learn("competitive", ((0.0, a), (0.0, 0.6)), seconds).weights[-1, 0] for a in mixed])
+    ratio, t12, t21 = torch.tensor(mixed) / 0.6, ends[:, 0, 1], ends[:, 1, 0]
+    figure, (one,) = panels("a", 6, 3.6)
+    one.plot(ratio, t12, ".-", color=BLUE, ms=10, label="T12")
+    one.plot(ratio, t21, ".-", color=ORANGE, ms=10, label="T21")
+    one.plot(ratio, 1 / ratio, color=BLACK, ls=":", label="1 / ratio")
+    one.set(xlabel="ratio of the mixing weights", ylabel="weight", ylim=(0, None))
+    one.legend(frameon=False)
+    context.draw("C-ratio", figure, "C §5.4", "One source, competitive rule: weights after learning.")
+    criteria = {
+        "T12 falls": bool((t12.diff() < 0).all()),
+        "T21 = 1 / ratio within 2 %": bool((t21 * ratio - 1).abs().max() < 0.02),
+    }
+    ours = f"T12 {', '.join(f'{w:.3f}' for w in t12.tolist())}"
+    why = (
+        f"At ratios {', '.join(f'{r:.2f}' for r in ratio.tolist())}; T21 {', '.join(f'{w:.2f}' for w in t21.tolist())}."
+    )
+    return Outcome(ours, why, criteria)
 
 
 def is_separated(gains: Tensor) -> bool:
