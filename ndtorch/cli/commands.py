@@ -21,7 +21,7 @@ GROUP = "ndtorch.commands"
 GROUPS = {
     "Binding": ("bind", "scenes", "render", "first-stage"),
     "Robot": ("drive", "arenas", "run", "check", "doctor", "calibrate", "replay", "import"),
-    "Experiments": ("evaluate", "barn", "benchmark", "reproduce", "sweep"),
+    "Experiments": ("tuning", "evaluate", "barn", "benchmark", "reproduce", "sweep"),
 }
 """Where commands stand in the help; all others stand under "Other"."""
 

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
+    from torch import Tensor
+
+    from ndtorch.vision.tuning import TuningCurve
 
 
 class Style(NamedTuple):
@@ -226,4 +229,46 @@ def draw_timeline(result: RunResult, tracks: TrackRecord, path: Path, picture: P
     if picture is not None:
         where.imshow(picture, extent=(0, width, height, 0), alpha=0.75)
     where.set(xlim=(0, width), ylim=(height, 0), aspect="equal", xlabel="column (pixels)", ylabel="row (pixels)")
+    return save(figure, path)
+
+
+UNITS = {
+    "temporal_frequency": "Hz",
+    "wavelength": "pixels",
+    "direction": "degrees",
+    "speed": "pixels a frame",
+    "fps": "Hz",
+}
+"""Of the parameters of tuning curves; time constants are in seconds."""
+
+
+def draw_tuning(curve: TuningCurve, path: str | Path) -> Path:
+    """The response over the first parameter, a line for each value of the second, dots; formulas as lines."""
+    from matplotlib.figure import Figure
+
+    names = list(curve.axes)
+    x = curve.axes[names[0]]
+    figure = Figure((7, 4.5), dpi=DPI, layout="constrained")
+    axes = figure.add_subplot()
+    others = curve.axes[names[1]] if names[1:] else [0.0]
+    shown = sorted({round(k * (len(others) - 1) / 5) for k in range(6)})
+    for number, k in enumerate(shown):
+        color = f"C{number}"
+
+        def values(of: Tensor, k: int = k) -> list[float]:
+            line: list[float] = of.reshape(len(x), len(others), -1)[:, k, 0].tolist()
+            return line
+
+        label = f"{names[1]} {others[k]:g}" if names[1:] else "response"
+        axes.plot(x, values(curve.response), "o", color=color, ms=4, label=label)
+        for (name, formula), dashes in zip(curve.formulas.items(), ("-", ":"), strict=False):
+            axes.plot(x, values(formula), dashes, color=color, lw=1.2, label=name if number == 0 else None)
+    if min(x) > 0 and max(x) / min(x) > 8:
+        axes.set_xscale("log")
+    unit = UNITS.get(names[0])
+    axes.set(
+        xlabel=names[0].replace("_", " ") + (f" ({unit})" if unit else ""), ylabel="response", title=curve.detector
+    )
+    axes.axhline(0, color="0.8", lw=0.8, zorder=0)
+    figure.legend(frameon=False, fontsize=8, loc="outside right upper")
     return save(figure, path)

@@ -32,6 +32,7 @@ from ndtorch.vision.temporal import (
     low_pass_step,
     smoothing_factor,
 )
+from ndtorch.vision.tuning import TuningCurve, tuning_curve
 
 __all__ = [
     "ANGLES",
@@ -63,6 +64,7 @@ __all__ = [
     "SmallTargetDetector",
     "SmallTargetState",
     "SpeedCurve",
+    "TuningCurve",
     "VetoState",
     "VisualFeatures",
     "dog_spectrum",
@@ -73,4 +75,5 @@ __all__ = [
     "smoothing_factor",
     "spatial_maximum",
     "speed_response",
+    "tuning_curve",
 ]

@@ -11,7 +11,7 @@ from ndtorch.arguments import check_number, check_state
 from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
-from ndtorch.vision.temporal import Seconds, keep_time, low_pass
+from ndtorch.vision.temporal import Discretization, Seconds, keep_time, low_pass
 
 
 @safe_state
@@ -39,6 +39,7 @@ class BarlowLevick(nn.Module):
         tau_low: delay of the inhibition, seconds. Both may be `torch.nn.Parameter`.
         veto: strength of the inhibition.
         border: "wrap" closes the image to a torus; with "reflect" pixels without a neighbor are zero.
+        discretization: of the filters, "euler" or "exact", see `smoothing_factor`.
 
     Shapes:
         frames `[..., T, C, H, W]`, C = 3 or 1 -> `[..., T, 4, H, W]`, not negative. State: `VetoState`; `None` settles
@@ -57,6 +58,7 @@ class BarlowLevick(nn.Module):
     dt: Seconds
     tau_high: Seconds
     tau_low: Seconds
+    discretization: Discretization
 
     def __init__(
         self,
@@ -65,22 +67,24 @@ class BarlowLevick(nn.Module):
         tau_low: Seconds = 0.05,
         veto: float = 4.0,
         border: Border = "wrap",
+        *,
+        discretization: Discretization = "euler",
     ) -> None:
         super().__init__()
         check_border(border)
         check_number("veto", veto, least=0)
-        keep_time(self, tau_high=tau_high, tau_low=tau_low, dt=dt)
+        keep_time(self, discretization, tau_high=tau_high, tau_low=tau_low, dt=dt)
         self.veto, self.border = float(veto), border
 
     def forward(self, frames: Tensor, state: VetoState | None = None) -> tuple[Tensor, VetoState]:
         check_state(state, VetoState)
         image = grey(as_float(check_frames(frames)))
         slow, inhibition = (None, None) if state is None else state
-        lows, slow = low_pass(image, slow, self.tau_high, self.dt, -3)
+        lows, slow = low_pass(image, slow, self.tau_high, self.dt, -3, self.discretization)
         high = image - lows
         excited = torch.stack([high, -high], -3).clamp_min(0)
         start = torch.zeros_like(excited.select(-4, 0)) if inhibition is None else inhibition
-        delayed, inhibition = low_pass(excited, start, self.tau_low, self.dt, -4)
+        delayed, inhibition = low_pass(excited, start, self.tau_low, self.dt, -4, self.discretization)
         out = [
             (excited - self.veto * delayed.roll(step, dim)).clamp_min(0).sum(-3)
             for step, dim in ((1, -1), (-1, -1), (-1, -2), (1, -2))  # the neighbor from which null motion comes
