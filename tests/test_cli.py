@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import resource
@@ -253,3 +254,23 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_file(
     assert len([line for line in err.splitlines() if line.startswith("error:")]) == 1, err
     whole = [path for path in tmp_path.rglob("*") if path.is_file() and path.suffix != ".rrd"]
     assert [path.name for path in whole if path.stat().st_size >= max(most, 1)] == []
+
+
+def test_a_full_pipe_does_not_hold_up_the_end(tmp_path: Path) -> None:
+    """Nobody reads the result: a signal ends the program, and closed streams do not matter."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(writer, b"x")
+    os.set_blocking(writer, True)
+    program = [sys.executable, "-m", "ndtorch", "scenes"]
+    with subprocess.Popen(program, stdout=writer, stderr=subprocess.PIPE) as process:
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(3)
+        process.terminate()
+        assert process.wait(3) == 143
+    os.close(reader)
+    os.close(writer)
+    closed = subprocess.run(["sh", "-c", '"$0" -m ndtorch scenes >&- 2>&- <&-', sys.executable], timeout=60)
+    assert closed.returncode == 0

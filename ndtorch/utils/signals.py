@@ -10,6 +10,9 @@ from types import FrameType
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a command as Ctrl-C does; the first and the last come from a terminal."""
 
+CAME: list[int] = []
+"""Numbers of the ending signals that came to this program: from then on nobody is waited for who has to read."""
+
 NOTHING_KEPT = "stopped before there was anything to keep"
 """What is said then, where nothing was computed."""
 
@@ -21,9 +24,10 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
     A signal that is ignored stays ignored, as `nohup` wants it; a handler that somebody else has set stays.
 
     Yields:
-        The numbers of those that came.
+        `CAME`, empty at first.
     """
-    came: list[int] = []
+    came = CAME
+    came.clear()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         came.append(number)

@@ -11,12 +11,20 @@ import threading
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
+from ndtorch.utils.signals import CAME
 from ndtorch_robot.safety import SafeDrive
 
 HELP = "any key: emergency stop   g: go (resume)   Ctrl-C: stop and end"
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGUSR1)
+
+
+def note(number: int, frame: FrameType | None) -> None:
+    """Remember that a signal that ends programs came."""
+    if number != signal.SIGUSR1:
+        CAME.append(number)
 
 
 @contextmanager
@@ -30,7 +38,7 @@ def emergency_stops(drive: SafeDrive, ended: threading.Event) -> Iterator[None]:
     os.set_blocking(woken, False)
     # The interpreter writes the number of a signal to this pipe when it comes, whatever Python code is doing.
     old_pipe = signal.set_wakeup_fd(woken, warn_on_full_buffer=False)
-    old = {number: signal.signal(number, lambda number, frame: None) for number in SIGNALS}
+    old = {number: signal.signal(number, note) for number in SIGNALS}
     stdin = sys.stdin.fileno() if sys.stdin.isatty() else None
     terminal = None if stdin is None else termios.tcgetattr(stdin)
     if stdin is not None:
