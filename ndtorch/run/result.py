@@ -10,6 +10,7 @@ import numpy.typing as npt
 from torch import Tensor
 
 from ndtorch.binding import BoundObject, Verdict
+from ndtorch.binding.labelled import signal_dataset
 from ndtorch.scenes.base import FrameSource
 
 Floats = npt.NDArray[np.float32]
@@ -90,6 +91,10 @@ class Trace(NamedTuple):
 
     times: npt.NDArray[np.float64] = np.zeros(0)
     samples: Floats = np.zeros((0, 10), np.float32)
+
+    def to_xarray(self) -> Any:
+        """An `xarray.DataArray` with the dimensions time (s) and signal; needs `ndtorch[xarray]`."""
+        return signal_dataset(self.times, {"outputs": self.samples}, {}).outputs
 
 
 class Moment(NamedTuple):

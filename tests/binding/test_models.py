@@ -231,3 +231,11 @@ def test_three_equal_bars_are_three_objects() -> None:
         assert all(0 <= at <= 500 for at in thing.place)
         assert 0 <= thing.first_seen < 3 < 7 < thing.last_seen < 8
     assert module.visible_objects(state) != []
+
+
+def test_signals_have_names_and_units_in_xarray() -> None:
+    pytest.importorskip("xarray")
+    signals, _ = ndtorch.load("published", size=(12, 14)).from_sums(two_things(0.5).expand(2, -1, -1))
+    table = signals.to_xarray()
+    assert (table.outputs.dims, table.time.units) == (("trial", "time", "signal"), "s")
+    assert torch.equal(torch.from_numpy(table.sums.sel(signal="red", trial=1).values), signals.sums[1, :, 7])

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_state, check_tensor, without_autocast
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
+from ndtorch.binding.labelled import signal_dataset
 from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, settled, weight_change
 from ndtorch.binding.normalise import BindingInputs, InputState, Order
@@ -90,6 +91,14 @@ class BindingSignals(NamedTuple):
     outputs: Tensor
     scale: Tensor
     time: Tensor
+
+    def to_xarray(self) -> Any:
+        """An `xarray.Dataset` with the dimensions time (s) and signal, and trial of a batch; needs `ndtorch[xarray]`.
+
+        `signals.to_xarray().outputs.sel(signal="red").plot()`
+        """
+        signals = {name: getattr(self, name) for name in self._fields if name != "time"}
+        return signal_dataset(self.time, signals, {"sums": "pixel", "scale": "pixel"})
 
 
 @safe_state
