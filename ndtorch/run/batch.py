@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import json
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
-from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ndtorch.errors import InputError
 from ndtorch.run.folder import UNFINISHED, RunFolder, make_writable
@@ -20,7 +21,7 @@ from ndtorch.scenes.readers import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from ndtorch.utils.files import read_text, replacing, write_text
 from ndtorch.utils.workers import run_tasks
 
-INDEX, RECORD, RESPONSES = "index.html", "runs.jsonl", "responses.parquet"
+INDEX, OUTCOME, RESPONSES = "index.html", "outcome.json", "responses.parquet"
 
 
 def bind_source(
@@ -136,8 +137,8 @@ def bind_sources(
     """Run a binding model over many sources, one after the other or side by side, and merge what they give.
 
     The folder gets a folder for each source, `responses.parquet` and `responses.csv` with the time courses of all,
-    `index.html`, and `runs.jsonl`, by which a second call with the same options skips what is finished. A source that
-    cannot be used is left out. After Ctrl-C the tables hold what was finished.
+    and `index.html`. A second call with the same options skips what is finished, by the `outcome.json` in its folder. A
+    source that cannot be used is left out. After Ctrl-C the tables hold what was finished.
 
     Args:
         sources: scenes, files, folders, cameras; a folder of films stands for all of them.
@@ -161,36 +162,21 @@ def bind_sources(
     if options.resume is not None:
         raise InputError("--resume continues a run of one source; of several, repeat the command")
     make_writable(folder)
-    base = given(options, *asdict(options))
-    keys = [json.dumps({**base, "source": name, "file": stamp(name)}, default=str) for name in names]
-    record = read_record(folder / RECORD)
-    outcomes, tasks = dict[str, Outcome](), list[tuple[int, BindJob, Path]]()
-    used = {one.folder for one in record.values()}
-    for number, (name, key) in enumerate(zip(names, keys, strict=True)):
-        if key in record and (folder / record[key].folder / RESPONSES).is_file() and not again:
-            outcomes[name] = record[key]
+    outcomes, tasks, used = dict[str, Outcome](), list[Task](), set[Path]()
+    for name in names:
+        job = BindJob(**vars(options), source=name)
+        key = json.dumps({**given(job, *asdict(job)), "file": stamp(name)}, default=str)
+        own, kept = own_folder(folder, name, key, used, again)
+        used.add(own)
+        if kept is None:
+            tasks.append(Task(job, own, key))
         else:
-            if key in record:
-                shutil.rmtree(folder / record[key].folder, ignore_errors=True)
-                used.discard(record[key].folder)
-            tasks.append((number, BindJob(**vars(options), source=name), free_folder(folder, name, used)))
-
-    def tell(outcome: Outcome) -> None:
-        if report is not None:
-            report(outcome)
-
-    def keep(number: int, outcome: Outcome) -> None:
-        outcomes[names[number]] = outcome
-        if not outcome.error:
-            with (folder / RECORD).open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"key": keys[number], **asdict(outcome)}) + "\n")
-
+            outcomes[name] = kept
     try:
-        for outcome in outcomes.values():
-            tell(outcome)
-        for number, outcome in run_each(tasks, jobs):
-            keep(number, outcome)
-            tell(outcome)
+        for outcome in itertools.chain(list(outcomes.values()), run_each(tasks, jobs)):
+            outcomes[outcome.source] = outcome
+            if report is not None:
+                report(outcome)
     finally:
         done = [outcomes[name] for name in names if name in outcomes]
         write_tables([one for one in done if not one.error], folder, weights)
@@ -198,25 +184,32 @@ def bind_sources(
     return done
 
 
-def run_each(tasks: Sequence[tuple[int, BindJob, Path]], jobs: int) -> Iterator[tuple[int, Outcome]]:
-    """The outcome of every task as it comes, with the number of its source."""
+class Task(NamedTuple):
+    """A run, its folder, and what tells it from others."""
+
+    job: BindJob
+    folder: Path
+    key: str
+
+
+def run_each(tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
+    """The outcome of every task as it comes."""
     if jobs == 1:
-        for number, job, folder in tasks:
-            yield number, run_one((job, folder))
+        yield from map(run_one, tasks)
         return
-    for event in run_tasks(run_one, [task[1:] for task in tasks], jobs):
-        number, job, folder = tasks[event.task]
-        yield number, event.value if event.kind == "done" else Outcome(job.source, error=str(event.value))
+    for event in run_tasks(run_one, tasks, jobs):
+        failed = Outcome(tasks[event.task].job.source, error=str(event.value))
+        yield event.value if event.kind == "done" else failed
 
 
-def run_one(task: tuple[BindJob, Path]) -> Outcome:
+def run_one(task: Task) -> Outcome:
     """Run one source; whatever is wrong with it is its error."""
     import torch
 
     from ndtorch.report.summary import words
 
     torch.set_num_threads(1)
-    job, folder = task
+    job, folder, key = task
     try:
         result, _, _ = bind_source(job, folder.parent, folder.name, tabled=True)
     except Exception as error:  # a fault in one source is no reason to lose the others
@@ -227,7 +220,9 @@ def run_one(task: tuple[BindJob, Path]) -> Outcome:
         raise KeyboardInterrupt
     objects = tuple(map(words, result.objects))
     state = (result.verdict, result.confidence, result.simulated_seconds, result.wall_seconds)
-    return Outcome(job.source, folder.name, "", result.model.name, objects, *state)
+    outcome = Outcome(job.source, folder.name, "", result.model.name, objects, *state)
+    write_text(folder / OUTCOME, json.dumps({"key": key, "outcome": asdict(outcome)}))
+    return outcome
 
 
 def stamp(source: str) -> list[int]:
@@ -237,31 +232,22 @@ def stamp(source: str) -> list[int]:
     return [] if state is None else [state.st_size, state.st_mtime_ns]
 
 
-def read_record(path: Path) -> dict[str, Outcome]:
-    """Finished runs by what was asked for; a line that was cut off is left out."""
-    found = dict[str, Outcome]()
-    for line in read_text(path, 1 << 26).splitlines() if path.is_file() else ():
-        try:
-            row = json.loads(line)
-            key = row.pop("key")
-            found[key] = Outcome(**row | {"objects": tuple(row["objects"])})
-        except (ValueError, TypeError, KeyError, AttributeError):
-            continue
-    return found
-
-
-def free_folder(folder: Path, source: str, used: set[str]) -> Path:
-    """A folder for a source: new, or with nothing but what a run that was stopped left; it is cleared."""
+def own_folder(folder: Path, source: str, key: str, used: set[Path], again: bool) -> tuple[Path, Outcome | None]:
+    """The folder of a run and its outcome if it has finished; else a new one. What a stopped run left is cleared."""
     from ndtorch.report.page import folder_name
 
     stem = folder_name(source if source in SCENES or "://" in source else Path(source).stem)
-    for number in count(1):
-        name = stem if number == 1 else f"{stem}-{number}"
-        there = [path.name for path in (folder / name).iterdir()] if (folder / name).is_dir() else []
-        if name not in used and set(there) <= {UNFINISHED}:
-            used.add(name)
-            shutil.rmtree(folder / name, ignore_errors=True)
-            return folder / name
+    for name in itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2))):
+        own, kept = folder / name, dict[str, Any]()
+        with contextlib.suppress(OSError, ValueError):
+            kept = json.loads(read_text(own / OUTCOME))
+        finished, there = kept.get("key") == key, [path.name for path in own.iterdir()] if own.is_dir() else []
+        if own in used or not (finished or set(there) <= {UNFINISHED}):
+            continue
+        if finished and not again:
+            return own, Outcome(**kept["outcome"] | {"objects": tuple(kept["outcome"]["objects"])})
+        shutil.rmtree(own, ignore_errors=True)
+        return own, None
     raise AssertionError("there is always one more number")
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_size, is_finite, is_whole
+from ndtorch.arguments import check_number, check_size, is_finite, is_whole
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import keep_freed_memory
 
@@ -116,30 +116,22 @@ class ArraySource(FrameSource):
     """Frames of an array or of an iterable, see `FrameSource.from_array`."""
 
     def __init__(self, frames: Any, fps: float, name: str) -> None:
-        if not (is_finite(fps) and 0 < fps <= MOST_FPS):
-            raise InputError(f"fps must be a positive number of frames per second, got {repr(fps)[:40]}")
+        check_number("fps", fps, above=0, unit="frames a second")
         self.name, self.fps = name, float(fps)
-        self._whole = planes(frames, 4) if hasattr(frames, "shape") else None
-        self._left = iter(() if self._whole is not None else frames)
-        self.length = None if self._whole is None else self._whole.shape[-4]
-        if (first := self._whole) is None:
-            first = next((planes(frame, 3) for frame in self._left), None)
-            self._left = itertools.chain([first], self._left)
-        if first is None or 0 in first.shape:
+        each = planes(frames, 4).unbind(-4) if hasattr(frames, "shape") else frames
+        self.length = len(each) if isinstance(each, list | tuple) else None
+        left = iter(each)
+        first = next(left, None)
+        if first is None:
             raise InputError("frames must be one or more")
-        self.size = (first.shape[-2], first.shape[-1])
+        self._each: Iterable[Any] = itertools.chain([first], left) if self.length is None else each
+        height, width = planes(first, 3).shape[-2:]
+        self.size = (height, width)
 
     def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
         check_chunks(frames, start)
-        if self._whole is not None:
-            return (part.clone() for part in torch.split(self._whole[..., start:, :, :, :], frames, -4) if part.numel())
-        rest = itertools.islice(self._left, start, None)
-        return _stacked(rest, frames)
-
-
-def _stacked(frames: Iterator[Any], count: int) -> Iterator[Tensor]:
-    while some := [planes(frame, 3) for frame in itertools.islice(frames, count)]:
-        yield torch.stack(some)
+        rest = map(planes, itertools.islice(self._each, start, None), itertools.repeat(3))
+        return (torch.stack(some, -4) for some in iter(lambda: list(itertools.islice(rest, frames)), []))
 
 
 def planes(frames: Any, dims: int) -> Tensor:

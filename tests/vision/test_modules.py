@@ -269,16 +269,6 @@ def test_published_chahl_srinivasan_response():
     assert found[[2, 4]].tolist() == pytest.approx([-0.5, 0.5], abs=0.1)
 
 
-def test_saturation_order():
-    """A1: NDS saturates least, ND-minus declines, ND-min is flat beyond 2 pixels a step."""
-    speeds = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
-    nds, minus, least = (response(s, speeds) for s in (NDS(), NDMinus(), NDMin()))
-    assert (nds / nds[0])[3] > (least / least[0])[3] > (minus / minus[0])[3]
-    assert nds[5] > 1.1 * nds[3]
-    assert minus[3] < 0.85 * minus[1]
-    assert least[5] == pytest.approx(float(least[3]), rel=0.01)
-
-
 def test_flicker():
     """A1: ND-minus answers flicker least, and a uniform flicker not at all."""
     grating, uniform = flickering_rows(length=200), flickering_rows(length=200, uniform=True)
@@ -308,10 +298,9 @@ def test_sweep_of_the_high_pass(sensor):
     assert max(TAUS, key=lambda tau: curve(sensor, tau)) == 0.005
 
 
-@pytest.mark.parametrize("taus", [[0.0, 0.005, 0.01, 0.1, math.inf], pytest.param(TAUS, marks=pytest.mark.long)])
-def test_sweep_of_both_time_constants(taus):
+def test_sweep_of_both_time_constants():
     """A2: NDS wants 5 ms and no low-pass."""
-    pairs = [(high, low) for high in taus for low in taus]
+    pairs = [(high, low) for high in (0.0, 0.005, 0.01, 0.1, math.inf) for low in (0.0, 0.005, 0.1, math.inf)]
     assert max(pairs, key=lambda pair: curve(NDS, *pair)) == (0.005, 0.0)
 
 
