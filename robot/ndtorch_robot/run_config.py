@@ -16,7 +16,7 @@ from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import Strict, read_toml, refuse_unknown
 from ndtorch_robot.cameras.source import CameraSettings
-from ndtorch_robot.link import HOSTED_BOARD, SERIAL, check_link
+from ndtorch_robot.link import SERIAL, SIMULATED_BOARD, check_link
 from ndtorch_robot.safety import SafetyLimits
 
 Positive = Annotated[float, Field(gt=0)]
@@ -78,7 +78,7 @@ class NavigationTable(NavigatorOptions):
 class SimulationTable(ConfigTable):
     """`[simulation]`: a simulated world in place of cameras and car.
 
-    The firmware drives it, in this process, or with `link.kind = "simulated-world"` nothing but the loop.
+    A board in Python drives it, with `link.kind = "hosted-board"` the firmware, with `"simulated-world"` no board.
     """
 
     arena: str = "curve"
@@ -111,8 +111,8 @@ class RunConfig(ConfigTable):
     limits: Mapping[str, float] = Field(default_factory=dict)
     """Limits of the safety layer that do not follow from the body; see `SafetyLimits`."""
     link: Settings = Field(default_factory=dict)
-    """Drive link of this `kind` (serial by default, hosted-board in a simulated world), with the keys of its kind; see
-    `ndtorch_robot/link/`."""
+    """Drive link of this `kind` (default: serial, or simulated-board in a simulated world), with the keys of its kind;
+    see `ndtorch_robot/link/`."""
     ros2: Ros2Table | None = None
     navigation: NavigationTable = NavigationTable()
     """Options of the navigator."""
@@ -157,7 +157,7 @@ class RunConfig(ConfigTable):
 
     def link_table(self) -> dict[str, Any]:
         simulated = self.simulation is not None and "device" not in self.link
-        return {"kind": HOSTED_BOARD if simulated else SERIAL, **self.link}
+        return {"kind": SIMULATED_BOARD if simulated else SERIAL, **self.link}
 
     @property
     def stereo_rig(self) -> StereoRig:

@@ -6,10 +6,10 @@ import math
 import threading
 from dataclasses import dataclass
 from enum import Enum, auto
+from typing import TYPE_CHECKING
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
-from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.ports import (
     _SEAL,
     STAND,
@@ -22,6 +22,9 @@ from ndtorch_robot.ports import (
     SafeCommand,
     StereoFrames,
 )
+
+if TYPE_CHECKING:
+    from ndtorch_robot.camera_monitor import CameraMonitor
 
 PATIENCE, RETRY = 10.0, 1.0
 """Seconds for which a resumed car keeps trying while its drive cannot obey yet, and between two attempts."""

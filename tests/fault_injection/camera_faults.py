@@ -11,7 +11,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips
-from ndtorch_robot.link.simulated import HostedDrive
+from ndtorch_robot.link.simulated import SimulatedDrive
 from ndtorch_robot.ports import StereoFrames
 
 Levels = npt.NDArray[np.float64]
@@ -32,7 +32,7 @@ class FaultyCameras:
         sides: cameras that the fault concerns, 0 for the left one.
     """
 
-    def __init__(self, world: HostedDrive, seed: int) -> None:
+    def __init__(self, world: SimulatedDrive, seed: int) -> None:
         self.world, self.random = world, np.random.default_rng((seed, 7))
         self.pool = np.rint(self.random.normal(0, NOISE, POOL)).astype(np.int16)
         self.fault: str | None = None

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ndtorch_robot.link.simulated import Cable, HostedDrive, good_cable
+from ndtorch_robot.link.simulated import Cable, SimulatedDrive, good_cable
 from ndtorch_robot.ports import Step
 from ndtorch_robot.recording import Recorder, open_recording
 
@@ -78,7 +78,7 @@ writes that are lost; seconds by which delayed bytes arrive late."""
 class FaultyLink:
     """The link between a simulated world and its board."""
 
-    def __init__(self, world: HostedDrive, seed: int) -> None:
+    def __init__(self, world: SimulatedDrive, seed: int) -> None:
         self.world, self.random = world, np.random.default_rng((seed, 8))
         self.queue: deque[tuple[float, bytes]] = deque()
 

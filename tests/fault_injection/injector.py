@@ -12,10 +12,10 @@ import numpy as np
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.drive import Respawn
-from ndtorch_robot.link.simulated import HostedDrive
+from ndtorch_robot.link.board import Pulse
+from ndtorch_robot.link.simulated import SimulatedDrive
 from ndtorch_robot.ports import FaultKind, Step
 from ndtorch_robot.safety import DriveState
-from ndtorch_robot.sim.firmware_host import Pulse
 from tests.fault_injection.camera_faults import FaultyCameras
 from tests.fault_injection.faults import FAULTS, Fault, FaultyLink, RecordingCheck
 
@@ -48,7 +48,7 @@ class FaultInjector:
     """
 
     def __init__(self, car: Car, seed: int, scratch: Path, faults: Sequence[Fault] = FAULTS) -> None:
-        assert isinstance(car.drive, HostedDrive)
+        assert isinstance(car.drive, SimulatedDrive)
         self.car, self.world, self.scratch, self.faults = car, car.drive, scratch, faults
         self.cameras, self.link = FaultyCameras(self.world, seed), FaultyLink(self.world, seed)
         self.respawn = Respawn(self.world.simulation, car.runner, car.safe)

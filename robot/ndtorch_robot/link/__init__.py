@@ -19,7 +19,7 @@ from ndtorch_robot.ports import Drive, Report
 if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation
 
-SERIAL, HOSTED_BOARD, SIMULATED_WORLD = "serial", "hosted-board", "simulated-world"
+SERIAL, SIMULATED_BOARD, HOSTED_BOARD, SIMULATED_WORLD = "serial", "simulated-board", "hosted-board", "simulated-world"
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,6 @@ def open_link(values: Mapping[str, Any], opening: Opening) -> Drive:
     drive = opener(settings, opening)
     if opening.simulation is not None and drive.cameras_and_clock() is None:
         drive.close()
-        moving = f"link.kind = {HOSTED_BOARD!r} or {SIMULATED_WORLD!r}"
+        moving = f"link.kind = {SIMULATED_BOARD!r}, {HOSTED_BOARD!r} or {SIMULATED_WORLD!r}"
         raise InputError(f"a simulated world is driven by {moving}, got {values.get('kind', SERIAL)!r}")
     return drive

@@ -1,4 +1,4 @@
-"""Links to a simulated car: through the firmware's own code, or to the simulated car itself."""
+"""Links to a simulated car: through the board in Python, through the firmware's own code, or to the car itself."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from collections.abc import Callable
 
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
-from ndtorch_robot.link import HOSTED_BOARD, SIMULATED_WORLD, Opening, link
+from ndtorch_robot.link import HOSTED_BOARD, SIMULATED_BOARD, SIMULATED_WORLD, Opening, link
+from ndtorch_robot.link.board import Board, Pulse
 from ndtorch_robot.link.link_drive import HEARTBEAT, LinkDrive
 from ndtorch_robot.ports import CameraPair, Clock, Report, StereoFrames
-from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost, Pulse
+from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost
 from ndtorch_robot.sim.simulation import SUBSTEPS, Simulation
 
 Cable = Callable[[bytes, float], bytes]
@@ -24,13 +25,15 @@ def good_cable(data: bytes, now: float) -> bytes:
     return data
 
 
-class HostedDrive(LinkDrive):
+class SimulatedDrive(LinkDrive):
     """A link that has its board, the world with the cameras, and the clock with it. It needs no hardware.
 
     In every step of simulated time the board runs, its pulses move the car, and the link reads the board's answers and
     sends its heartbeats. Implements `ports.CameraPair`, `ports.Clock` and the port of the link, too.
 
     Args:
+        board: in Python, or the firmware's own code.
+        board_name: name that it must have.
         real_time: simulated time does not run ahead of real time.
 
     Attributes:
@@ -38,11 +41,18 @@ class HostedDrive(LinkDrive):
         pulsed: called with every pulse.
 
     Raises:
-        InputError: no C compiler; the board does not answer, or is that of another car.
+        InputError: the board does not answer, or is that of another car.
     """
 
-    def __init__(self, simulation: Simulation, board_name: str, report: Report, real_time: bool = False) -> None:
-        self.simulation, self.board, self.electronics = simulation, FirmwareHost(), Electronics()
+    def __init__(
+        self,
+        simulation: Simulation,
+        board: Board | FirmwareHost,
+        board_name: str,
+        report: Report,
+        real_time: bool = False,
+    ) -> None:
+        self.simulation, self.board, self.electronics = simulation, board, Electronics()
         self.up: Cable = good_cable
         self.down: Cable = good_cable
         self.pulsed: Callable[[Pulse], None] = lambda pulse: None
@@ -90,8 +100,8 @@ class HostedDrive(LinkDrive):
         self.board.close()
 
 
-class HostedSettings(Strict):
-    """`[link]` with `kind = "hosted-board"`.
+class SimulatedSettings(Strict):
+    """`[link]` with `kind = "simulated-board"`, in Python, or `"hosted-board"`, the firmware compiled by `cc`.
 
     Args:
         real_time: Simulated time does not run ahead of real time.
@@ -105,8 +115,15 @@ class WorldSettings(Strict):
 
 
 @link(HOSTED_BOARD)
-def open_hosted(settings: HostedSettings, opening: Opening) -> HostedDrive:
-    return HostedDrive(world_of(opening, HOSTED_BOARD), opening.board_name, opening.report, settings.real_time)
+def open_hosted(settings: SimulatedSettings, opening: Opening) -> SimulatedDrive:
+    world = world_of(opening, HOSTED_BOARD)
+    return SimulatedDrive(world, FirmwareHost(), opening.board_name, opening.report, settings.real_time)
+
+
+@link(SIMULATED_BOARD)
+def open_simulated(settings: SimulatedSettings, opening: Opening) -> SimulatedDrive:
+    world, name = world_of(opening, SIMULATED_BOARD), opening.board_name
+    return SimulatedDrive(world, Board(name), name, opening.report, settings.real_time)
 
 
 @link(SIMULATED_WORLD)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import deque
 from typing import Annotated
@@ -82,12 +83,14 @@ class Disturbances(Strict):
 
 def read_disturbances(text: str) -> Disturbances:
     """Disturbances from text: names of `PRESETS` or `key=number`, several with commas; "" is none."""
-    values: dict[str, str] = {}
+    values: dict[str, str | float] = {}
     for pair in ",".join(PRESETS.get(part, part) for part in text.split(",") if part).split(",") if text else ():
         key, equals, number = (word.strip() for word in pair.partition("="))
         if not equals:
             raise InputError(f"no disturbance {pair!r}, choose one of {', '.join(PRESETS)}, or KEY=NUMBER")
         values[key] = number
+        with contextlib.suppress(ValueError):
+            values[key] = float(number)
     return check(values, Disturbances, "disturbance")
 
 

@@ -3,39 +3,22 @@
 from __future__ import annotations
 
 import ctypes
-import re
 import shutil
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
 
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import folder_of
+from ndtorch_robot.link.board import NAMES, PERIOD_MS, BoardSettings, Pulse
 from ndtorch_robot.ports import DriveCommand
 
 FIRMWARE = folder_of("ndtorch_robot", "firmware")
 
 SOURCES = ("sim/hosted.c", "protocol.c", "drive.c")
 
-BUFFER_BYTES, PERIOD_MS, SIGNAL_LOST = 8192, 20, 0.1
-"""Bytes of answers of one call, period of the pulses of servos, ms, and seconds without pulses after which
-servos and motor controller of model cars stop."""
-
-NAMES = ("motor", "front", "rear")
-
-
-class Pulse(NamedTuple):
-    """One pulse: `"motor"`, `"front"` or `"rear"`, its width in us, and when it ended, s."""
-
-    name: str
-    width: float
-    time: float
-
-
-def constants() -> dict[str, int]:
-    text = (FIRMWARE / "config.h").read_text()
-    return {name: int(value) for name, value in re.findall(r"#define (\w+) \(?(-?\d+)", text)}
+BUFFER_BYTES, SIGNAL_LOST = 8192, 0.1
+"""Bytes of answers of one call, and seconds without pulses after which servos and motor controllers stop."""
 
 
 class FirmwareHost:
@@ -96,7 +79,7 @@ class Electronics:
     """
 
     def __init__(self) -> None:
-        self.constants = constants()
+        self.settings = BoardSettings()
         self.widths = {"motor": 1500.0, "front": 1500.0, "rear": 1500.0}
         self.braked = self.reverse = False
         self.time = 0.0
@@ -105,23 +88,23 @@ class Electronics:
         self.widths[pulse.name] = pulse.width
         self.time = pulse.time
         if pulse.name == "motor":
-            offset = pulse.width - self.constants["MOTOR_NEUTRAL_US"]
-            if offset > self.constants["MOTOR_DEAD_BAND_US"]:
+            offset, dead_band = pulse.width - self.settings.motor_neutral_us, self.settings.motor_dead_band_us
+            if offset > dead_band:
                 self.braked = self.reverse = False
-            elif offset < -self.constants["MOTOR_DEAD_BAND_US"]:
+            elif offset < -dead_band:
                 self.braked = True
             elif self.braked:
                 self.reverse = True
 
     def target(self, now: float) -> DriveCommand:
         """Speed, m/s, and curvature, 1/m, that the car approaches."""
-        c = self.constants
+        s = self.settings
         if now - self.time > SIGNAL_LOST:
             return DriveCommand(0.0, 0.0)
-        offset = self.widths["motor"] - c["MOTOR_NEUTRAL_US"]
-        speed = max(0.0, abs(offset) - c["MOTOR_DEAD_BAND_US"]) / c["MOTOR_US_PER_M_S"]
+        offset = self.widths["motor"] - s.motor_neutral_us
+        speed = max(0.0, abs(offset) - s.motor_dead_band_us) / s.motor_us_per_m_s
         if offset < 0:
             speed = -speed if self.reverse else 0.0
-        front = (self.widths["front"] - c["FRONT_NEUTRAL_US"]) / c["FRONT_US_PER_1_M"]
-        rear = (self.widths["rear"] - c["REAR_NEUTRAL_US"]) / c["REAR_US_PER_1_M"]
+        front = (self.widths["front"] - s.front_neutral_us) / s.front_us_per_1_m
+        rear = (self.widths["rear"] - s.rear_neutral_us) / s.rear_us_per_1_m
         return DriveCommand(speed, (front + rear) / 2)

@@ -409,7 +409,7 @@ def test_the_simulated_world_is_a_link():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('link = {kind = "can"}', "link.kind must be one of .*hosted-board, .*serial, simulated-world, got 'can'"),
+        ('link = {kind = "can"}', "link.kind must be one of gpio, hosted-board, .*serial, .*simulated-world, got 'can'"),
         ('link = {kind = "serial", baud = 500}', "device"),
         ('link = {device = "/dev/x", baud = 5}', "baud = 5: should be greater"),
         ('link = {device = "/dev/x", bauds = 9600}', "unknown key 'bauds'; did you mean baud?"),

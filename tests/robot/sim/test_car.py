@@ -2,19 +2,21 @@
 
 import itertools
 import math
+import re
 import shutil
 
 import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
+from ndtorch_robot.link.board import Board, BoardSettings
 from ndtorch_robot.link.messages import LinkFrame, Parser, Type, encode_frame, read_telemetry
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost
+from ndtorch_robot.sim.firmware_host import FIRMWARE, Electronics, FirmwareHost
 from ndtorch_robot.sim.simulation import CarLimits, SimulatedCar, Simulation
 
 
@@ -64,17 +66,37 @@ def test_bad_commands():
         SimulatedCar().send(DriveCommand(math.nan, 0.0))
 
 
-needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
-
-
 def speak(board, numbers, now, *kinds):
     return board.run(now, b"".join(encode_frame(LinkFrame(1, kind, next(numbers), body)) for kind, body in kinds))
 
 
-@needs_compiler
+def test_the_board_in_python_is_that_of_the_firmware():
+    """Its car is that of config.h; every answer and every pulse, of messages good and bad at random times."""
+    defines = re.findall(r"#define (\w+) \(?(-?\d+)", (FIRMWARE / "config.h").read_text())
+    numbers = {name.lower(): int(value) for name, value in defines}
+    assert BoardSettings().model_dump() == {name: numbers[name] for name in BoardSettings.model_fields}
+    if shutil.which("cc") is None:
+        pytest.skip("needs a C compiler (cc)")
+    rng, firmware, board = np.random.default_rng(5), FirmwareHost(), Board("maxston8")
+    now, sequence, speed = 0.0, 0, 300
+    kinds = [Type.HEARTBEAT, Type.COMMAND, Type.COMMAND, Type.HELLO, Type.STOP, Type.ARM, Type.WELCOME, 99]
+    for _ in range(6000):
+        now += float(rng.choice([0.003, 0.02, 0.03, 0.12], p=[0.3, 0.4, 0.29, 0.01]))
+        data = b""
+        for kind in rng.choice(kinds, int(rng.integers(4)), p=[0.34, 0.3, 0.3, 0.005, 0.005, 0.04, 0.005, 0.005]):
+            sequence += int(rng.choice([1, 2, 0], p=[0.97, 0.02, 0.01]))
+            speed = int(rng.integers(-1200, 1200)) if rng.random() < 0.03 else speed
+            bodies = {Type.COMMAND: np.array([speed, rng.integers(-3000, 3000)], "<i2").tobytes()}
+            version = 1 if rng.random() < 0.999 else 2
+            frame = encode_frame(LinkFrame(version, int(kind), sequence & 0xFFFF, bodies.get(kind, b"")))
+            data += frame if rng.random() < 0.995 else frame[:4] + frame[5:]
+        assert board.run(now, data) == firmware.run(now, data)
+    firmware.close()
+
+
 def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
     """A motor controller may take a brake that begins again for reverse."""
-    board, electronics, numbers = FirmwareHost(), Electronics(), itertools.count(1)
+    board, electronics, numbers = Board("maxston8"), Electronics(), itertools.count(1)
 
     def say(now, *kinds):
         answers, pulses = speak(board, numbers, now, *kinds)
@@ -103,14 +125,12 @@ def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
     lowest, said = drive(1.72, 2.6, -300)
     assert said == -0.3
     assert -0.03 <= lowest < 0
-    board.close()
 
 
-@needs_compiler
 def test_the_board_goes_on_while_frames_are_lost():
     """As with a car, whose cameras do not make its board wait."""
     simulation = SimulationTable(arena="curve", seed=3, disturbance="lost_ratio=0.8")
-    config = RunConfig(board_name="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
+    config = RunConfig(board_name="maxston8", simulation=simulation)
     with open_car(config, lambda line: None, go=False) as car:
         world, pulses = car.drive, []
         world.pulsed = lambda pulse: pulses.append(pulse.time) if pulse.name == "motor" else None

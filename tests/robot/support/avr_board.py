@@ -18,9 +18,10 @@ from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
 from ndtorch_robot.car import MonotonicClock
 from ndtorch_robot.link import Opening, link
+from ndtorch_robot.link.board import Pulse
 from ndtorch_robot.link.serial_drive import SerialDrive
 from ndtorch_robot.ports import CameraPair, Clock, Report, StereoFrames
-from ndtorch_robot.sim.firmware_host import FIRMWARE, Electronics, Pulse
+from ndtorch_robot.sim.firmware_host import FIRMWARE, Electronics
 from ndtorch_robot.sim.simulation import Simulation
 
 SIMULATOR, IMAGE = FIRMWARE / "build" / "avrsim", FIRMWARE / "build" / "firmware.elf"

@@ -11,9 +11,9 @@ import torch
 import tests.robot.support.avr_board  # noqa: F401 (its link)
 from ndtorch.errors import InputError
 from ndtorch_robot.camera_monitor import MOVING_M_PER_S
+from ndtorch_robot.link.board import BoardSettings
 from ndtorch_robot.run import open_car, real_time_priority
 from ndtorch_robot.run_config import RunConfig, SimulationTable
-from ndtorch_robot.sim.firmware_host import constants
 
 NEUTRAL, SLACK, STEERING_SLACK = 1500.0, 2.0, 12.0
 FASTEST = 0.5
@@ -72,10 +72,10 @@ class Bench:
 
     def too_fast(self):
         """Motor pulses beyond what the navigator can have asked for, either way; a brake is the shortest."""
-        c = constants()
-        widest = c["MOTOR_NEUTRAL_US"] + c["MOTOR_DEAD_BAND_US"] + FASTEST * c["MOTOR_US_PER_M_S"] + SLACK
+        s = BoardSettings()
+        widest = s.motor_neutral_us + s.motor_dead_band_us + FASTEST * s.motor_us_per_m_s + SLACK
         motor = [p.width for p in self.board.pulses if p.name == "motor"]
-        return [width for width in motor if not c["MOTOR_BRAKE_US"] - SLACK <= width <= widest]
+        return [width for width in motor if not s.motor_brake_us - SLACK <= width <= widest]
 
     def wait_to_move(self, seconds=10.0):
         """Until it has driven for a while, at a speed at which pictures must change.
