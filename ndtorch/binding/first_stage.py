@@ -14,7 +14,7 @@ from ndtorch.binding.network import InhibitoryNetwork, NetworkState
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.rules import learning_rule
 from ndtorch.errors import InputError
-from ndtorch.scenes.stimuli import rings
+from ndtorch.scenes.patterns import rings
 from ndtorch.utils.files import read_tensors, save_tensors
 from ndtorch.vision.features import GROUPS, VisualFeatures
 

@@ -30,8 +30,9 @@ if TYPE_CHECKING:
         panned_picture,
         plaid,
         random_dots,
+        rings,
     )
-    from ndtorch.scenes.stimuli import Rings, hsl_color, moving_bar, rings, static_bar
+    from ndtorch.scenes.stimuli import hsl_color, moving_bar, static_bar
     from ndtorch.scenes.video import VideoSource, open_video
     from ndtorch.scenes.video_writer import VideoWriter
 
@@ -51,7 +52,6 @@ __all__ = [
     "Pattern",
     "RandomShadow",
     "RenderedScene",
-    "Rings",
     "SineShadow",
     "VideoSource",
     "VideoWriter",

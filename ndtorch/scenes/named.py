@@ -50,7 +50,7 @@ SCENES: dict[str, NamedScene] = {
     ),
     "equal-bars": NamedScene("bar_scenes:equal_bars", "three green bars alike in all but their fluctuation", {}),
     "rings": NamedScene(
-        "stimuli:rings", "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}
+        "patterns:rings", "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}
     ),
     "grating": NamedScene("patterns:grating", "a drifting grating, sine or square", {}),
     "counterphase-grating": NamedScene("patterns:counterphase_grating", "a standing grating that reverses", {}),

@@ -228,12 +228,7 @@ def edge(
 
 
 def flash(
-    start: PerBar = 1.0,
-    duration: PerBar = 0.1,
-    contrast: PerBar = 1.0,
-    *,
-    mean: float = 0.5,
-    **screen: Unpack[Screen],
+    start: PerBar = 1.0, duration: PerBar = 0.1, contrast: PerBar = 1.0, *, mean: float = 0.5, **screen: Unpack[Screen]
 ) -> Pattern:
     """A flash of the whole field: `mean (1 + contrast)` from `start` for `duration` seconds, else `mean`; dark where
     the contrast (Weber) is negative."""
@@ -387,6 +382,37 @@ def panned_picture(
         return torch.lerp(upper, torch.lerp(image[planes, bottom, left], image[planes, bottom, right], across), down)
 
     return Pattern("panned-picture", light, **screen)
+
+
+def rings(
+    sigma: float = 25.0,
+    flicker: float = 0.5,
+    ring_frequency: float = 0.2,
+    ring_rate: float = 0.5,
+    **screen: Unpack[Screen],
+) -> Pattern:
+    """Contracting rings under a Gaussian envelope, flickering, which train the first stage: they drive all directions,
+    orientations and colors alike. [B eq. 25-27]
+
+    `exp(-r² / (2 sigma²)) (1 + sin(2 pi flicker t)) / 2 (1 + cos(2 pi (ring_frequency r + ring_rate t))) / 2`, r the
+    distance from the middle.
+
+    Args:
+        sigma: standard deviation of the envelope, pixels.
+        flicker: cycles a second of the brightness.
+        ring_frequency, ring_rate: rings a pixel, and rings a second that shrink into the middle.
+        screen: see `Screen`.
+    """
+    check_number("sigma", sigma, above=0, unit="pixels")
+
+    def light(x: Tensor, y: Tensor, t: Tensor) -> Tensor:
+        r, turn = torch.hypot(x, y), 2 * math.pi
+        brightness = (1 + (turn * flicker * t).sin()) / 4
+        return (
+            brightness * torch.exp(-(r**2) / (2 * sigma**2)) * (1 + (turn * (ring_frequency * r + ring_rate * t)).cos())
+        )
+
+    return Pattern("rings", light, **screen)
 
 
 def pink_noise(size: tuple[int, int], seed: int) -> Tensor:

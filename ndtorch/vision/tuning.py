@@ -23,6 +23,7 @@ Grid = Mapping[str, Tensor]
 """A value of every parameter at each point of a grid, `[N]`."""
 PHASES = 8
 """Phases of a grating over which a response is averaged: that of two products of sines is exact from 3 on."""
+DEGREES = [360 * n / PHASES for n in range(PHASES)]
 
 
 class TuningCurve(NamedTuple):
@@ -120,41 +121,35 @@ def tuning_curve(
     return TuningCurve(detector, axes, response.reshape(shape), formulas)
 
 
-def last_output(module: nn.Module, grid: Grid, width: int, tau: float) -> Tensor:
-    """Output for gratings at all points and phases, `[N, PHASES, C, H, W]`, when the filters have settled."""
-    fps = float(grid["fps"][0])
-    terms = {name: grid[name][:, None] for name in ("wavelength", "temporal_frequency", "direction", "contrast")}
-    phases = torch.arange(PHASES) * 360 / PHASES
-    screen = {"seconds": 12 * (tau + 1 / fps), "fps": fps, "size": (2, width), "channels": 1}
-    film, state = grating(**terms, phase=phases, **screen), None  # type: ignore[arg-type]
-    with torch.inference_mode():
-        for frames in film.chunks(64):
-            out, state = module(frames.double(), state)
-    last: Tensor = out[:, :, -1]
-    return last
+def sensor(
+    kind: Callable[..., nn.Module], read: Callable[[Tensor], Tensor], **options: Any
+) -> Callable[[Grid, Discretization], Tensor]:
+    """A measurement of a module with filters: `read` of its output when they have settled, `[N, PHASES, C, 2, 5]`."""
+
+    def measure(grid: Grid, discretization: Discretization) -> Tensor:
+        fps = float(grid["fps"][0])
+        taus = {name: float(grid[name][0]) for name in ("tau_high", "tau_low") if name in grid}
+        module = kind(dt=1 / fps, discretization=discretization, **taus, **options)
+        terms = {name: grid[name][:, None] for name in ("wavelength", "temporal_frequency", "direction", "contrast")}
+        seconds = 12 * (max(taus.values()) + 1 / fps)
+        film = grating(**terms, phase=DEGREES, seconds=seconds, fps=fps, size=(2, 5), channels=1)  # type: ignore[arg-type]
+        state = None
+        with torch.inference_mode():
+            for frames in film.chunks(64):
+                out, state = module(frames.double(), state)
+        return read(out[:, :, -1])
+
+    return measure
 
 
-def pair_of(kind: type[nn.Module]) -> Callable[[Grid, Discretization], Tensor]:
+def pair(out: Tensor) -> Tensor:
     """Rightward less leftward response of a pair of pixels."""
-
-    def measure(grid: Grid, discretization: Discretization) -> Tensor:
-        taus = {name: float(grid[name][0]) for name in ("tau_high", "tau_low") if name in grid}
-        module = kind(1 / float(grid["fps"][0]), *taus.values(), border="reflect", discretization=discretization)
-        left, right, *_ = last_output(module, grid, 3, max(taus.values())).unbind(2)
-        return (right - left)[:, :, 0, 1].mean(1)
-
-    return measure
+    return (out[:, :, 1] - out[:, :, 0])[:, :, 0, 2].mean(1)
 
 
-def pixel_of(kind: type[nn.Module]) -> Callable[[Grid, Discretization], Tensor]:
+def pixel(out: Tensor) -> Tensor:
     """Amplitude of the middle pixel of a row."""
-
-    def measure(grid: Grid, discretization: Discretization) -> Tensor:
-        taus = {name: float(grid[name][0]) for name in ("tau_high", "tau_low") if name in grid}
-        module = kind(*taus.values(), 1 / float(grid["fps"][0]), discretization=discretization)
-        return amplitude(last_output(module, grid, 5, max(taus.values()))[:, :, 0, 0, 2])
-
-    return measure
+    return amplitude(out[:, :, 0, 0, 2])
 
 
 def amplitude(samples: Tensor) -> Tensor:
@@ -167,10 +162,9 @@ def measure_shift(grid: Grid, discretization: Discretization) -> Tensor:
     """Shift of rows that differ in phase."""
     rate = grid["speed"] / grid["wavelength"]
     terms = {"wavelength": grid["wavelength"], "contrast": grid["contrast"], "temporal_frequency": rate}
-    phases = torch.arange(PHASES) * 360 / PHASES
     film = grating(
         **{name: value[:, None] for name, value in terms.items()},  # type: ignore[arg-type]
-        phase=phases, seconds=2, fps=1, size=(1, 3), channels=1,
+        phase=DEGREES, seconds=2, fps=1, size=(1, 3), channels=1,
     )  # fmt: skip
     rows = film.frames(0, 2)[..., 0, 0, :].double().movedim(1, 2)[:, :, None]
     shift: Tensor = ChahlSrinivasan()(rows)[0][:, 1, 0]
@@ -182,8 +176,7 @@ def measure_dog(grid: Grid, discretization: Discretization) -> Tensor:
     dog, found = OrientedDoG((240, 240), angles=(0.0,), exact=True), []
     for k in range(len(grid["wavelength"])):
         terms = {name: float(grid[name][k]) for name in ("wavelength", "direction", "contrast")}
-        phases = torch.arange(PHASES) * 360 / PHASES
-        film = grating(**terms, phase=phases, seconds=1, fps=1, size=(240, 240), channels=1)  # type: ignore[arg-type]
+        film = grating(**terms, phase=DEGREES, seconds=1, fps=1, size=(240, 240), channels=1)  # type: ignore[arg-type]
         found.append(amplitude(dog(film.frames(0, 1))[None, :, 0, 0, 120, 120].double()))
     return torch.cat(found)
 
@@ -226,18 +219,19 @@ def both(formula: Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]) -> dict[st
 
 
 MOVING = {"temporal_frequency": 3.0, "wavelength": 20.0, "direction": 0.0, "contrast": 1.0, "fps": 100.0}
+PAIR = {**MOVING, "tau_high": 0.5, "tau_low": 0.05}
 ROW = {**MOVING, "fps": 30.0, "tau_high": 0.005}
 DETECTORS: dict[str, Detector] = {
     "hassenstein-reichardt": Detector(
-        pair_of(HassensteinReichardt),
+        sensor(HassensteinReichardt, pair, border="reflect"),
         both(lambda a, high, late, k: (a * high.abs()) ** 2 * -late.imag * k.sin()),
-        {**MOVING, "tau_high": 0.5, "tau_low": 0.05},
+        PAIR,
     ),
-    "barlow-levick": Detector(pair_of(BarlowLevick), {}, {**MOVING, "tau_high": 0.5, "tau_low": 0.05}),
-    "nd-min": Detector(pixel_of(NDMin), both(lambda a, high, late, k: a * high.abs()), ROW),
-    "nd-minus": Detector(pixel_of(NDMinus), both(lambda a, high, late, k: a * high.abs() * (1 - k.cos())), ROW),
+    "barlow-levick": Detector(sensor(BarlowLevick, pair, border="reflect"), {}, PAIR),
+    "nd-min": Detector(sensor(NDMin, pixel), both(lambda a, high, late, k: a * high.abs()), ROW),
+    "nd-minus": Detector(sensor(NDMinus, pixel), both(lambda a, high, late, k: a * high.abs() * (1 - k.cos())), ROW),
     "nds": Detector(
-        pixel_of(NDS),
+        sensor(NDS, pixel),
         both(lambda a, high, late, k: a * high.abs() * (1 + 2 * late * k.cos()).abs()),
         {**ROW, "tau_low": 0.0},
     ),

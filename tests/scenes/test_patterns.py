@@ -159,7 +159,7 @@ def test_stimuli_by_name_have_options(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [0, 37, 130, 399])
 def test_values_of_the_printed_equation(number: int) -> None:
-    frame = rings(4.0).frames(number, number + 1)[0].numpy()
+    frame = rings(seconds=4.0).frames(number, number + 1)[0].numpy()
     t = number / 100
     for row, column in ((0, 0), (49, 50), (50, 61), (12, 83)):
         r = math.hypot(row - 49.5, column - 49.5)
