@@ -18,6 +18,9 @@ from ndtorch.utils.toml import Strict
 
 CLASS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 
+PICAMERA2 = "picamera2:"
+"""Beginning of the name of a camera module of a Raspberry Pi."""
+
 MANUAL, AUTOMATIC = 1, 3
 """Values of the V4L2 control `auto_exposure`: manual, and aperture priority."""
 
@@ -34,7 +37,7 @@ class CameraSettings(Strict):
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     left: Annotated[str, Field(min_length=1)]
-    """Left camera: a device (/dev/v4l/by-path/..., /dev/video0 or a number), or an address with ://."""
+    """Left camera: a device (/dev/v4l/by-path/..., /dev/video0 or a number), picamera2:0, or an address with ://."""
     right: Annotated[str, Field(min_length=1)]
     """Right camera, named like the left one."""
     width_px: int = Field(640, ge=16, le=8192)
@@ -72,7 +75,7 @@ class Capture(Protocol):
 class Source(NamedTuple):
     """Where frames come from: a device or a stream, as the user wrote it, and the path or address to open."""
 
-    kind: Literal["device", "stream"]
+    kind: Literal["device", "stream", "picamera2"]
     name: str
     target: str
 
@@ -84,6 +87,8 @@ def find_source(name: str) -> Source:
     """The source that a name means; raises `InputError` where there is no such thing."""
     if name.isdecimal():
         return Source("device", name, f"/dev/video{name}")
+    if name.startswith(PICAMERA2) and name.removeprefix(PICAMERA2).isdecimal():
+        return Source("picamera2", name, name.removeprefix(PICAMERA2))
     if "://" in name or Path(name).is_fifo():
         return Source("stream", name, name)
     if name.startswith("/dev/"):
@@ -95,6 +100,10 @@ def open_capture(camera: Source, settings: CameraSettings) -> Capture:
     """Open a source; raises `InputError` where it cannot be opened, or does not take the settings."""
     if camera.kind == "device":
         return open_device(camera, settings)
+    if camera.kind == "picamera2":
+        from ndtorch_robot.cameras.picamera import PicameraCapture
+
+        return PicameraCapture(camera, settings)
     capture: Capture | None = readers.open_capture(camera.target)
     if capture is None:
         raise InputError(f"camera {camera.name}: cannot be opened, no stream answers there")

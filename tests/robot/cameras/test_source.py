@@ -1,8 +1,11 @@
 """Opening cameras: what they are set to, what they say of it, and why they cannot be opened."""
 
 import os
+import sys
+import types
 
 import cv2
+import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
@@ -95,3 +98,66 @@ def test_what_the_kernel_knows(tmp_path):
     assert found[1].by_path.endswith("by-path/pci-usb-0:1-3:1.0-video-index0")
     assert found[2].by_path is None
     assert list_devices(tmp_path / "nowhere", dev) == []
+
+
+class Picamera2:
+    """As picamera2 0.3: the names and signatures that are used of it."""
+
+    def __init__(self, camera_num=0, verbose_console=None, tuning=None):
+        self.number, self.controls, self.released, self.n = camera_num, {}, 0, 0
+        if camera_num > 1:
+            raise IndexError("list index out of range")
+
+    def create_video_configuration(self, main=None, lores=None, raw=None, buffer_count=6, controls=None, queue=True):
+        return {"main": main, "controls": controls}
+
+    def configure(self, camera_config="preview"):
+        self.main, self.controls = camera_config["main"], dict(camera_config["controls"])
+
+    def start(self, config=None, show_preview=False):
+        self.n = 1
+
+    def capture_metadata(self, wait=None):
+        self.n += 1
+        return {"ExposureTime": 9998, "AnalogueGain": 1.0 + 1 / self.n, "ColourGains": (1.5, 2.0), "Lux": 80.0}
+
+    def set_controls(self, controls):
+        self.controls |= controls
+
+    def capture_request(self, wait=None, flush=None):
+        self.n += 1
+        return self
+
+    def make_array(self, name):
+        return np.full((*self.main["size"][::-1], 3), self.n, np.uint8)
+
+    def get_metadata(self):
+        return {"SensorTimestamp": int(4e9) + 33_333_000 * self.n}
+
+    def release(self):
+        self.released += 1
+
+    def close(self):
+        self.n = 0
+
+
+def test_a_module_of_a_raspberry_pi_keeps_its_exposure_and_has_the_time_of_its_sensor(monkeypatch):
+    monkeypatch.setitem(sys.modules, "picamera2", types.SimpleNamespace(Picamera2=Picamera2))
+    settings = CameraSettings(left="picamera2:0", right="picamera2:1", width_px=64, height_px=48)
+    capture = open_capture(find_source("picamera2:1"), settings)
+    device = capture.device
+    assert device.number == 1
+    assert device.controls == {
+        "FrameDurationLimits": (33333, 33333),
+        "ExposureTime": 9998,
+        "AnalogueGain": 1.0 + 1 / 31,
+        "ColourGains": (1.5, 2.0),
+        "AeEnable": False,
+        "AwbEnable": False,
+    }
+    assert capture.grab()
+    good, image = capture.retrieve()
+    assert (good, image.shape, device.released) == (True, (48, 64, 3), 1)
+    assert capture.get(cv2.CAP_PROP_POS_MSEC) == pytest.approx(4000 + 33.333 * 32)
+    with pytest.raises(InputError, match="camera picamera2:7: cannot be opened"):
+        open_capture(find_source("picamera2:7"), settings)

@@ -1,0 +1,71 @@
+"""Camera modules of a Raspberry Pi by picamera2, as `cv2.VideoCapture` gives frames; see docs/robot/raspberry-pi.md."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+
+from ndtorch.errors import InputError
+from ndtorch.utils.packages import need
+from ndtorch_robot.cameras.source import CameraSettings, Source
+
+SETTLING = 30
+"""Frames in which gain and colors settle before they are fixed."""
+
+
+class PicameraCapture:
+    """One module. Exposure, gain and colors are fixed; the time of a frame is that of its first row, of the sensor.
+
+    Args:
+        camera: `picamera2:0` or another number of `rpicam-hello --list-cameras`.
+
+    Raises:
+        InputError: picamera2 is not installed; no such module; it is in use.
+    """
+
+    def __init__(self, camera: Source, settings: CameraSettings) -> None:
+        library = need("picamera2", "camera modules of a Raspberry Pi")
+        self.frame: Any = None
+        self.time_ms = 0.0
+        try:
+            self.device = library.Picamera2(int(camera.target))
+            period_us = round(1e6 / settings.rate_hz)
+            # The name of the format is that of libcamera, whose bytes are blue, green, red.
+            main = {"size": (settings.width_px, settings.height_px), "format": "RGB888"}
+            controls = {"FrameDurationLimits": (period_us, period_us)}
+            if settings.exposure_ms is not None:
+                controls["ExposureTime"] = round(1e3 * settings.exposure_ms)  # type: ignore[assignment]
+            self.device.configure(self.device.create_video_configuration(main=main, controls=controls))
+            self.device.start()
+            if settings.exposure_ms is not None:
+                self.fix_exposure()
+        except (RuntimeError, IndexError) as error:
+            raise InputError(f"camera {camera.name}: cannot be opened ({error})") from None
+
+    def fix_exposure(self) -> None:
+        for _ in range(SETTLING):
+            metadata = self.device.capture_metadata()
+        settled = {name: metadata[name] for name in ("ExposureTime", "AnalogueGain", "ColourGains") if name in metadata}
+        self.device.set_controls({"AeEnable": False, "AwbEnable": False, **settled})
+
+    def grab(self) -> bool:
+        request = self.device.capture_request()
+        try:
+            self.frame = request.make_array("main")
+            self.time_ms = request.get_metadata().get("SensorTimestamp", 0) / 1e6
+        finally:
+            request.release()
+        return True
+
+    def retrieve(self) -> tuple[bool, Any]:
+        return self.frame is not None, self.frame
+
+    def get(self, propId: int) -> float:
+        return self.time_ms if propId == cv2.CAP_PROP_POS_MSEC else 0.0
+
+    def set(self, propId: int, value: float) -> bool:
+        return False
+
+    def release(self) -> None:
+        self.device.close()
