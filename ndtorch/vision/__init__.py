@@ -9,6 +9,8 @@ from ndtorch.vision.motion import HassensteinReichardt, MotionState
 from ndtorch.vision.nondirectional import (
     NDS,
     SPEED_SCALE,
+    DirectionalND,
+    DirectionalState,
     NDMin,
     NDMinus,
     NDSState,
@@ -42,6 +44,8 @@ __all__ = [
     "SPEED_SCALE",
     "BarlowLevick",
     "ChahlSrinivasan",
+    "DirectionalND",
+    "DirectionalState",
     "FilterState",
     "HassensteinReichardt",
     "HighPass",

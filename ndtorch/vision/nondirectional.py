@@ -9,9 +9,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ndtorch.arguments import check_state, check_tensor
+from ndtorch.arguments import check_number, check_state, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import safe_state
+from ndtorch.vision.motion import correlate
 from ndtorch.vision.temporal import (
     Discretization,
     FilterState,
@@ -140,6 +141,59 @@ class NDS(nn.Module):
         low, low_state = self.low_pass(high, state and state.low)
         padded = F.pad(low, (1, 1))
         return high + padded[..., :-2] + padded[..., 2:], NDSState(high_state, low_state)
+
+
+@safe_state
+class DirectionalState(NamedTuple):
+    """State of `DirectionalND`: its sensor, the delayed outputs `[..., C, H, W]`, and frames seen (int64 scalar)."""
+
+    sensor: FilterState
+    delayed: Tensor
+    frames: Tensor
+
+
+class DirectionalND(nn.Module):
+    """Direction of motion along rows by correlating neighboring non-directional sensors at a lower frame rate. [A §3]
+
+    Every `every`-th output of `NDMin` goes into a Hassenstein-Reichardt correlation with its low-passed neighbors:
+    what moves against the flow that a moving robot expects is an object of its own.
+
+    Args:
+        every: frames from one correlation to the next.
+        tau_high: of the sensors, seconds.
+        tau_low: delay of the correlation, seconds.
+        dt: seconds between frames.
+
+    Shapes:
+        x `[..., T, C, H, W]` -> `[..., T', C, H, W - 1]`, T' about T / every, positive to the right, between
+        two pixels.
+        State: `DirectionalState`; `None` settles on the first frame.
+
+    >>> x = torch.sin(0.3 * (torch.arange(40.0) - torch.arange(30.0)[:, None]))[:, None, None]  # moves right
+    >>> out, state = DirectionalND(every=3)(x)
+    >>> out.shape, bool(out[2:].mean() > 0)
+    (torch.Size([10, 1, 1, 39]), True)
+    """
+
+    def __init__(
+        self, every: int = 3, tau_high: Seconds = 0.005, tau_low: Seconds = 0.05, dt: Seconds = 1 / 30
+    ) -> None:
+        super().__init__()
+        check_number("every", every, least=1, whole=True)
+        self.every, self.sensor = every, NDMin(tau_high, dt)
+        self.low_pass = LowPass(tau_low, dt * every)
+
+    def forward(self, x: Tensor, state: DirectionalState | None = None) -> tuple[Tensor, DirectionalState]:
+        check_state(state, DirectionalState)
+        before = 0 if state is None else int(state.frames)
+        high, sensor = self.sensor(x, state and state.sensor)
+        first, delayed = -before % self.every, torch.zeros_like(high.select(-4, 0)) if state is None else state.delayed
+        kept = high[..., first :: self.every, :, :, :]
+        frames = torch.tensor(before + x.shape[-4])
+        if kept.shape[-4] == 0:
+            return kept[..., 1:], DirectionalState(sensor, delayed, frames)
+        late, low = self.low_pass(kept, FilterState(delayed))
+        return correlate(kept, late, -1), DirectionalState(sensor, low.low, frames)
 
 
 SPEED_SCALE = 20.0

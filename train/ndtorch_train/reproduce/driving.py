@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import torch
+from matplotlib.patches import Rectangle
 
 from ndtorch.navigation import TURN, AvoidanceParams, Navigator, StereoRig
 from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
 from ndtorch_robot.evaluation.plots import draw_plan
 from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.simulation import Simulation
 from ndtorch_train.plots import BLACK, BLUE, ORANGE, YELLOW, panels
 from ndtorch_train.recorded import RATE, Recorded, from_arrays, record_drive
 from ndtorch_train.reproduce.experiment import Context, Outcome
@@ -73,9 +75,25 @@ def free_driving(
     return Outcome(ours, why, criteria, numbers)
 
 
+def stereo_pair(context: Context, seen: Recorded) -> None:
+    """What both cameras see as the drive begins, with the subfields and the row that are read."""
+    simulation = Simulation(load_arena(seen.arena, seen.seed), seen.seed, full_frames=True)
+    figure, axes = panels("ab", 11, 4.4)
+    pair = zip(axes, simulation.cameras.look(*seen.pose[0]), seen.rig.subfields(), ("left", "right"), strict=True)
+    for one, frame, field, side in pair:
+        one.imshow(frame[0].permute(1, 2, 0).numpy())
+        corner, sides = (field.left, field.top), (field.right - field.left, field.bottom - field.top)
+        one.add_patch(Rectangle(corner, *sides, fill=False, ec=YELLOW, lw=2))
+        one.axhline(seen.rig.height / 2, color=ORANGE, lw=1)
+        one.set(title=f"{side} camera", xticks=[], yticks=[])
+    caption = "A stereo pair: subfields of the obstacle avoidance (yellow) and the row of ranging (orange)."
+    context.draw("A6-stereo-pair", figure, "A fig. 6", caption)
+
+
 def saccades(context: Context, arena: str = "room", seconds: float = 120.0) -> Outcome:
     """The difference of both sides over time, with two saccades."""
     seen = recorded(context, arena, 1, seconds)
+    stereo_pair(context, seen)
     limit = AvoidanceParams().turn_threshold
     turning = seen.mode == TURN
     starts = np.flatnonzero(turning & ~np.concatenate(([False], turning[:-1])))
