@@ -25,6 +25,8 @@ from ndtorch.vision.features import FEATURES
 
 log = logging.getLogger(__name__)
 
+Array = np.ndarray[Any, Any]
+
 
 def write_exports(tracks: TrackRecord, folder: Path) -> None:
     """Write the file of every format."""
@@ -136,6 +138,22 @@ FORMATS: dict[str, Callable[[TrackRecord, Path], None]] = {
 """What writes each file; for another format add its function here."""
 
 
+def arrow(kind: str, values: Array, valid: Array | None = None, offsets: Array | None = None) -> Any:
+    """An array of pyarrow, without its conversions, which import pandas: one or two seconds.
+
+    Args:
+        values: numbers, or the bytes of texts, which end at `offsets`.
+        valid: which are not null; None for all.
+    """
+    import pyarrow
+
+    bits = None if valid is None else np.packbits(valid, bitorder="little")
+    parts = [bits, *([] if offsets is None else [offsets]), values]
+    buffers = [None if part is None else pyarrow.py_buffer(np.ascontiguousarray(part)) for part in parts]
+    length = values.size if offsets is None else len(offsets) - 1
+    return pyarrow.Array.from_buffers(getattr(pyarrow, kind)(), length, buffers)
+
+
 class ResponseFile(Watcher):
     """responses.parquet: time, ten inputs, ten outputs and, once a chunk of frames, weights `[100]`, row after row.
 
@@ -161,17 +179,25 @@ class ResponseFile(Watcher):
         import pyarrow
 
         if steps := len(signals.time):
-            columns = [signals.time.cpu().double().numpy()]
+            times, columns = signals.time.cpu().double().numpy(), list[Array]()
             for values in (getattr(signals, "inputs", None), signals.outputs):
                 each = signals.fields if values is None else values
                 whole = each if each.ndim == 2 else each.flatten(1, -2).amax(1)
                 columns += list(whole.cpu().float().numpy().T)
+            arrays = [arrow("float64", times), *(arrow("float32", values) for values in columns)]
             if self.model is not None:
-                objects = self.model.visible_objects(state)
-                text = "; ".join(map(words, objects))
-                columns += [[one] * steps for one in (len(objects), self.model.confidence(state), text)]
-            read = [None] * (steps - 1) + [weights.cpu().float().flatten().tolist()]
-            self.writer.write_table(pyarrow.table([*columns, read], schema=self.schema))
+                objects, sure = self.model.visible_objects(state), self.model.confidence(state)
+                text = "; ".join(map(words, objects)).encode()
+                arrays += [arrow("int32", np.full(steps, len(objects), np.int32))]
+                arrays += [arrow("float64", np.full(steps, sure or 0.0), np.full(steps, sure is not None))]
+                offsets = np.arange(steps + 1, dtype=np.int32) * len(text)
+                arrays += [arrow("string", np.frombuffer(text * steps, np.uint8), offsets=offsets)]
+            matrices = np.zeros((steps, 100), np.float32)
+            matrices[-1] = weights.cpu().float().flatten().numpy()
+            last = np.packbits(np.arange(steps) == steps - 1, bitorder="little")
+            nested, single = self.schema.types[-1], arrow("float32", matrices)
+            arrays.append(pyarrow.Array.from_buffers(nested, steps, [pyarrow.py_buffer(last)], children=[single]))
+            self.writer.write_table(pyarrow.Table.from_arrays(arrays, schema=self.schema))
 
     def close(self) -> None:
         self.writer.close()

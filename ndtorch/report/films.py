@@ -62,7 +62,7 @@ class EnhancedVideo(Film):
         assert picture.enhanced is not None
         self.brightest = max(self.keep * self.brightest, float(picture.enhanced.max()), 1.0)
         gain = brightened(np.array([self.brightest], np.uint8), float(picture.frame.max()))[1]
-        enhanced = (picture.enhanced * gain).clip(0, 255).astype(np.uint8)
+        enhanced = (np.arange(256) * gain).clip(0, 255).astype(np.uint8)[picture.enhanced]
         self.write(timed(np.concatenate([picture.frame, enhanced], 1), picture.time), picture.time)
 
 

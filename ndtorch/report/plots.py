@@ -69,10 +69,15 @@ def color_of(name: str) -> str:
 
 def save(figure: Figure, path: str | Path) -> Path:
     """Write the figure as PNG and give its path back."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    canvas = FigureCanvasAgg(figure)
     with warnings.catch_warnings():
         # Names of sources may hold characters that the font lacks; they show as boxes.
         warnings.filterwarnings("ignore", "Glyph .* missing from")
-        figure.savefig(path, format="png", pil_kwargs={"compress_level": 4})
+        canvas.draw()  # `savefig` draws twice
+    Image.fromarray(np.asarray(canvas.buffer_rgba())).save(path, format="png", compress_level=4)
     return Path(path)
 
 

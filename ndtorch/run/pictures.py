@@ -97,5 +97,5 @@ def shown(frame: Tensor) -> Tensor:
 
 def to_pixels(image: Tensor) -> Pixels:
     """`[3, H, W]` in 0..1 -> `[H, W, 3]` uint8."""
-    pixels: Pixels = (image.clamp(0, 1) * 255 + 0.5).byte().permute(1, 2, 0).contiguous().cpu().numpy()
+    pixels: Pixels = torch.stack((image.clamp(0, 1) * 255 + 0.5).byte().unbind(), -1).cpu().numpy()
     return pixels
