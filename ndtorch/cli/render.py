@@ -20,10 +20,6 @@ class Render:
     """File to write: .mp4, .mkv (lossless) or .avi."""
     seconds: float = 5.0
     """Length of the video, s."""
-    phase: float | None = None
-    """Lead of the green bar's brightness over the red bar's, degrees."""
-    seed: int | None = None
-    """Seed of the random shadow."""
     fps: float = 100.0
     """Frame rate, Hz."""
     set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
@@ -40,14 +36,7 @@ class Render:
         from ndtorch.scenes.video_writer import VideoWriter
         from ndtorch.utils.files import replacing
 
-        given = {
-            "seconds": self.seconds,
-            "fps": self.fps,
-            "phase": self.phase,
-            "seed": self.seed,
-            **values_of(self.set),
-        }
-        source = make_scene(self.scene, **{name: value for name, value in given.items() if value is not None})
+        source = make_scene(self.scene, **{"seconds": self.seconds, "fps": self.fps, **values_of(self.set)})
         new_file(self.file, self.force)
         with replacing(self.file) as part, VideoWriter(part, source.fps, source.size) as writer:
             for chunk in source.chunks():
