@@ -149,7 +149,7 @@ def hallway_map(context: Context, seeds: int = 5, seconds: float = 36.0) -> Outc
     figure.legend(*one.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     words = "Map (red) of one pass of the simulated hallway, over its true plan; doors brown."
     context.draw("A12-map", figure, "A fig. 12", words)
-    figure, axes = panels("abc;def", 14, 8.5)
+    figure, axes = panels("abc;de.", 14, 8.5)
     for one, name in zip(axes, BUILDINGS, strict=True):
         draw_plan(one, load_arena(name, seen.seed))
         one.set_title(name)
