@@ -76,8 +76,8 @@ def save(figure: Figure, path: str | Path) -> Path:
     with warnings.catch_warnings():
         # Names of sources may hold characters that the font lacks; they show as boxes.
         warnings.filterwarnings("ignore", "Glyph .* missing from")
-        canvas.draw()  # `savefig` draws twice
-    Image.fromarray(np.asarray(canvas.buffer_rgba())).save(path, format="png", compress_level=4)
+        canvas.draw()  # type: ignore[no-untyped-call]  # `savefig` draws twice
+    Image.fromarray(np.asarray(canvas.buffer_rgba())).save(path, format="png", compress_level=4)  # type: ignore[no-untyped-call]
     return Path(path)
 
 
