@@ -61,7 +61,7 @@ class DriveConfig(RobotOptions):
     """
 
     arena: str = "hallway"
-    """Arena, a name (see `ndtorch arenas`) or a .toml file."""
+    """Arena, a name (see `ndtorch arenas`), a .toml file, or the .yaml file of a map of ROS."""
     seconds: float = 60.0
     """Simulated time, s."""
     odometry: Literal["true", "noisy"] = "true"

@@ -82,7 +82,7 @@ class SimulationTable(ConfigTable):
     """
 
     arena: str = "curve"
-    """Arena to drive in, a name or a .toml file."""
+    """Arena to drive in, a name, a .toml file, or the .yaml file of a map of ROS."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     """Number from which building, textures and start follow."""
     disturbance: str = ""

@@ -18,7 +18,7 @@ from ndtorch.utils import workers
 from ndtorch.utils.files import TABLE_BYTES, read_text, write_text
 from ndtorch.utils.packages import code_digest, toml_file
 from ndtorch_robot.config import DriveConfig, RobotOptions
-from ndtorch_robot.sim.arenas import FILES
+from ndtorch_robot.sim.arenas import FILES, load_arena
 
 Job = TypeVar("Job")
 Result = dict[str, Any]
@@ -91,7 +91,8 @@ def key_of(options: RobotOptions) -> list[Any]:
     arena = values.get("arena", "")
     files = [toml_file(Path(arena), "ndtorch_robot", "arenas")] if arena.endswith(".toml") or arena in FILES else []
     files += [] if options.robot is None else [toml_file(options.robot, "ndtorch_robot", "configs")]
-    return [values, *map(read_text, files)]
+    plan = [str(load_arena(arena).rings)] if arena.endswith((".yaml", ".yml")) else []  # of an image
+    return [values, *plan, *map(read_text, files)]
 
 
 def drive_once(config: DriveConfig) -> Result:

@@ -7,17 +7,22 @@ developed in the others: floors, thin and low obstacles, narrow places. Those wi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from ndtorch.errors import InputError, did_you_mean
+from ndtorch.navigation.stereo.calibration_files import parsed
+from ndtorch.scenes import readers
+from ndtorch.utils.files import read_text
 from ndtorch.utils.packages import toml_file
-from ndtorch.utils.toml import Strict, read_toml, toml_values
+from ndtorch.utils.toml import Strict, check, read_toml, toml_values
 from ndtorch_robot.sim.plan import Pattern, Plan, Point, Ring, SpawnPoints, circle, cylinder, ring
 
 DOOR_SPACING, DOOR_WIDTH, NICHE = 1.308, 0.91, 0.10
@@ -25,6 +30,9 @@ DOOR_SPACING, DOOR_WIDTH, NICHE = 1.308, 0.91, 0.10
 
 LEG, PLATE, INSET = 0.03, 0.03, 0.05
 """Width of the legs of chairs and tables, thickness of seats and tops, and distance of legs from the edges, m."""
+
+STAIR = 0.9
+"""Distance of a straight wall from the corners of the pixels of a map, at most, in pixels."""
 
 Node = tuple[int, int]
 
@@ -55,28 +63,34 @@ def trace(rooms: list[Box], holes: list[Box] | None = None) -> tuple[Ring, tuple
             columns = (xs[:-1] >= box.left - 1e-6) & (xs[1:] <= box.right + 1e-6)
             rows = (ys[:-1] >= box.bottom - 1e-6) & (ys[1:] <= box.top + 1e-6)
             free[1:-1, 1:-1][np.ix_(columns, rows)] = value
-    edges: dict[Node, list[Node]] = {}  # between corners of cells, with free floor on their left
-    for i, j in np.argwhere(free).tolist():
-        low, high = (i - 1, j - 1), (i, j)
-        for beside, start, end in (
-            ((i, j - 1), low, (high[0], low[1])),
-            ((i + 1, j), (high[0], low[1]), high),
-            ((i, j + 1), high, (low[0], high[1])),
-            ((i - 1, j), (low[0], high[1]), low),
-        ):
-            if not free[beside]:
-                edges.setdefault(start, []).append(end)
-    rings = []
-    while edges:
-        rings.append(labelled([(float(xs[i]), float(ys[j])) for i, j in next_loop(edges)], boxes))
+    rings = [labelled([(float(xs[i]), float(ys[j])) for i, j in loop], boxes) for loop in border_loops(free)]
     outlines = [r for r in rings if r.area > 0]
     if len(outlines) != 1:
         raise InputError(f"the rooms must form one connected floor, got {len(outlines)} that do not touch")
     return outlines[0], tuple(r for r in rings if r.area < 0)
 
 
-def next_loop(edges: dict[Node, list[Node]]) -> list[Node]:
-    start = min(edges)
+def border_loops(free: npt.NDArray[np.bool_]) -> Iterator[list[Node]]:
+    """Closed lines between corners of cells, with free cells on their left; the outermost cells must not be free."""
+    edges: dict[Node, list[Node]] = {}
+    inner = free[1:-1, 1:-1]
+    beside = free[1:-1, :-2] & free[2:, 1:-1] & free[1:-1, 2:] & free[:-2, 1:-1]
+    for i, j in np.argwhere(inner & ~beside).tolist():
+        low, high = (i, j), (i + 1, j + 1)
+        for other, start, end in (
+            ((i + 1, j), low, (high[0], low[1])),
+            ((i + 2, j + 1), (high[0], low[1]), high),
+            ((i + 1, j + 2), high, (low[0], high[1])),
+            ((i, j + 1), (low[0], high[1]), low),
+        ):
+            if not free[other]:
+                edges.setdefault(start, []).append(end)
+    for start in sorted(edges):
+        while edges[start]:
+            yield next_loop(edges, start)
+
+
+def next_loop(edges: dict[Node, list[Node]], start: Node) -> list[Node]:
     loop, node, before = [start], edges[start].pop(), start
     while node != start:
         loop.append(node)
@@ -84,8 +98,6 @@ def next_loop(edges: dict[Node, list[Node]]) -> list[Node]:
         # Where two corners touch, turning left keeps their floors apart.
         edges[node].sort(key=lambda to: -(step[0] * np.sign(to[1] - node[1]) - step[1] * np.sign(to[0] - node[0])))
         before, node = node, edges[node].pop(0)
-    for done in [n for n, targets in edges.items() if not targets]:
-        del edges[done]
     return loop
 
 
@@ -350,6 +362,57 @@ class ArenaFile(Strict):
         return plan
 
 
+class MapFile(Strict, extra="ignore"):
+    """A map of ROS (`map_server`): an image whose dark pixels are walls, and where its lower left corner is."""
+
+    image: Path
+    resolution: Annotated[float, Field(gt=0, le=1)]  # m
+    origin: tuple[float, float, float]  # x, y, m, and rotation, radians
+    negate: bool = False
+    free_thresh: Annotated[float, Field(gt=0, lt=1)] = 0.196
+    occupied_thresh: Annotated[float, Field(gt=0, le=1)] = 0.65
+
+    def plan(self, name: str, image: npt.NDArray[np.uint8]) -> Plan:
+        """The largest connected floor of free pixels; all others, also the unknown ones, are walls."""
+        occupied = (image if self.negate else 255 - image)[::-1].T / 255.0
+        count, numbers, stats, _ = cv2.connectedComponentsWithStats(
+            (occupied < self.free_thresh).astype(np.uint8), connectivity=4
+        )
+        if count < 2:
+            raise InputError("no pixel of the image is free")
+        largest = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+        cos, sin = math.cos(self.origin[2]), math.sin(self.origin[2])
+        turn = self.resolution * np.array([[cos, sin], [-sin, cos]])
+        rings = []
+        for loop in border_loops(np.pad(numbers == largest, 1)):
+            corners = np.array(loop, np.float32)
+            straight = cv2.approxPolyDP(corners[:, None], STAIR, True)[:, 0]
+            area = abs(cv2.contourArea(straight)) > 0.5 * abs(cv2.contourArea(corners))
+            points = ((straight if area else corners) @ turn + self.origin[:2]).tolist()
+            rings.append(Ring(tuple((x, y) for x, y in points), ("wall",) * len(points)))
+        outline = Plan(name, max(rings, key=lambda r: r.area)).check().outline
+        return Plan(name, outline, tuple(r for r in rings if r is not outline))
+
+
+def read_map(path: Path) -> Plan:
+    try:
+        file = check(parsed(read_text(path)), MapFile, str(path))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    with readers.quiet_opencv():
+        image = cv2.imread(str(path.parent / file.image), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise InputError(f"{path}: its image {file.image} cannot be read")
+    try:
+        plan = file.plan(path.stem, np.asarray(image, np.uint8))
+        SpawnPoints(plan)
+        return plan
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
 def rectangle(at: Four, longest: float = 0.0, shortest: float = 0.0) -> Box:
     """A rectangle of a file, whose sides are at least so long."""
     box = Box(*at)
@@ -361,7 +424,9 @@ def rectangle(at: Four, longest: float = 0.0, shortest: float = 0.0) -> Box:
 
 
 def load_arena(name: str, seed: int = 0) -> Plan:
-    """The plan of an arena by name, or of a file that ends in `.toml`."""
+    """The plan of an arena by name, of a file that ends in `.toml`, or of a map of ROS that ends in `.yaml`."""
+    if name.endswith((".yaml", ".yml")):
+        return read_map(Path(name))
     if name in FLOORS:
         make, floor = FLOORS[name]
         return replace(make(seed), name=name, floor=floor)
@@ -369,7 +434,9 @@ def load_arena(name: str, seed: int = 0) -> Plan:
         return (BUILDINGS | FURNISHED)[name](seed)
     if name not in FILES and not name.endswith(".toml"):
         known = ", ".join(ARENAS)
-        raise InputError(f"no arena {name!r}, choose one of {known} or a .toml file{did_you_mean(name, ARENAS)}")
+        raise InputError(
+            f"no arena {name!r}, choose one of {known} or a .toml or .yaml file{did_you_mean(name, ARENAS)}"
+        )
     path = toml_file(Path(name), "ndtorch_robot", "arenas")
     file = read_toml(path, ArenaFile)
     try:

@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -149,3 +150,34 @@ def test_the_heading_of_a_start_is_free_for_the_whole_body():
     ahead, aside, behind = SpawnPoints(plan).lengths(1.5, 0.0, np.array([0.0, math.pi / 2, math.pi]))
     assert ahead == pytest.approx(1.0, abs=0.02)  # between the middle of the body and its side
     assert (aside, behind) == pytest.approx((2.0, 1.5))
+
+
+def test_a_map_of_ros(tmp_path):
+    """A room of 5 m by 4 m, turned by 30 degrees, with a round post of 15 cm radius, at its place in the world.
+
+    Beside it is a closet, and beyond a wall of one pixel unknown ground.
+    """
+    image = np.full((160, 200), 205, np.uint8)
+    corners = cv2.boxPoints(((100, 80), (100, 80), 30))
+    cv2.fillPoly(image, [np.rint(corners).astype(int)], 254)
+    cv2.polylines(image, [np.rint(corners).astype(int)], True, 0)
+    cv2.circle(image, (100, 80), 3, 0, -1)
+    image[2:8, 2:8] = 254
+    cv2.imwrite(str(tmp_path / "map.png"), image)
+    text = "image: map.png\nmode: trinary\nresolution: 0.05\norigin: [1.0, -2.0, {}]\nnegate: 0\n"
+    file = tmp_path / "map.yaml"
+    file.write_text(text.format(0.0) + "occupied_thresh: 0.65\nfree_thresh: 0.196\n")
+    plan = load_arena(str(file))
+    assert plan.name == "map"
+    assert plan.outline.area == pytest.approx(20.0, rel=0.03)
+    assert len(plan.outline.points) < 100
+    (post,) = plan.solids
+    assert -post.area == pytest.approx(math.pi * 0.15**2, rel=0.25)
+    middle = post.array.mean(0)
+    assert middle == pytest.approx((1.0 + 100.5 * 0.05, -2.0 + 79.5 * 0.05), abs=0.03)
+    file.write_text(text.format(math.pi / 2))
+    x, y = middle - (1.0, -2.0)
+    assert load_arena(str(file)).solids[0].array.mean(0) == pytest.approx((1.0 - y, -2.0 + x), abs=0.01)
+    file.write_text(text.format(0.0).replace("map.png", "none.png"))
+    with pytest.raises(InputError, match=r"map.yaml: its image none.png cannot be read"):
+        load_arena(str(file))
