@@ -8,7 +8,6 @@ import cv2
 
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import need
-from ndtorch_robot.cameras.source import CameraSettings, Source
 
 SETTLING = 30
 """Frames in which gain and colors settle before they are fixed."""
@@ -18,30 +17,33 @@ class PicameraCapture:
     """One module. Exposure, gain and colors are fixed; the time of a frame is that of its first row, of the sensor.
 
     Args:
-        camera: `picamera2:0` or another number of `rpicam-hello --list-cameras`.
+        number: of the module in `rpicam-hello --list-cameras`.
+        size: width and height of a frame, both even.
+        rate_hz: frames a second.
+        exposure_ms: fixed exposure; None is automatic.
 
     Raises:
         InputError: picamera2 is not installed; no such module; it is in use.
     """
 
-    def __init__(self, camera: Source, settings: CameraSettings) -> None:
+    def __init__(self, number: int, size: tuple[int, int], rate_hz: float, exposure_ms: float | None) -> None:
         library = need("picamera2", "camera modules of a Raspberry Pi")
         self.frame: Any = None
         self.time_ms = 0.0
         try:
-            self.device = library.Picamera2(int(camera.target))
-            period_us = round(1e6 / settings.rate_hz)
+            self.device = library.Picamera2(number)
+            period_us = round(1e6 / rate_hz)
             # The name of the format is that of libcamera, whose bytes are blue, green, red.
-            main = {"size": (settings.width_px, settings.height_px), "format": "RGB888"}
+            main = {"size": size, "format": "RGB888"}
             controls = {"FrameDurationLimits": (period_us, period_us)}
-            if settings.exposure_ms is not None:
-                controls["ExposureTime"] = round(1e3 * settings.exposure_ms)  # type: ignore[assignment]
+            if exposure_ms is not None:
+                controls["ExposureTime"] = round(1e3 * exposure_ms)  # type: ignore[assignment]
             self.device.configure(self.device.create_video_configuration(main=main, controls=controls))
             self.device.start()
-            if settings.exposure_ms is not None:
+            if exposure_ms is not None:
                 self.fix_exposure()
         except (RuntimeError, IndexError) as error:
-            raise InputError(f"camera {camera.name}: cannot be opened ({error})") from None
+            raise InputError(f"camera picamera2:{number}: cannot be opened ({error})") from None
 
     def fix_exposure(self) -> None:
         for _ in range(SETTLING):

@@ -103,7 +103,8 @@ def open_capture(camera: Source, settings: CameraSettings) -> Capture:
     if camera.kind == "picamera2":
         from ndtorch_robot.cameras.picamera import PicameraCapture
 
-        return PicameraCapture(camera, settings)
+        size = settings.width_px, settings.height_px
+        return PicameraCapture(int(camera.target), size, settings.rate_hz, settings.exposure_ms)
     capture: Capture | None = readers.open_capture(camera.target)
     if capture is None:
         raise InputError(f"camera {camera.name}: cannot be opened, no stream answers there")
