@@ -149,9 +149,9 @@ class SourceEstimator(nn.Module):
 
     def count(self, history: Tensor, level: Tensor, steps: int) -> tuple[int, Tensor]:
         """Number of sources in signals `[W, 22]`, and its margins `[5]`, see `evidence`."""
-        p, samples = self.params, min(self.samples, steps)
+        p, samples = self.params, min(self.samples, max(4, steps))
         history = history[-samples:]
-        recent = history[-min(samples, round(p.recent / self.dt)) :, COLOR]
+        recent = history[-min(samples, max(4, round(p.recent / self.dt))) :, COLOR]
         deviation, brightness = recent.std(0).max(), level[COLOR].mean().clamp_min(1e-12)
         ratios = self.color_ratios(recent / deviation.clamp_min(1e-12))
         colors = int((ratios > 1).sum()) if deviation > STILL * brightness else 0

@@ -76,8 +76,9 @@ def save(figure: Figure, path: str | Path) -> Path:
     with warnings.catch_warnings():
         # Names of sources may hold characters that the font lacks; they show as boxes.
         warnings.filterwarnings("ignore", "Glyph .* missing from")
-        canvas.draw()  # type: ignore[no-untyped-call]  # `savefig` draws twice
-    Image.fromarray(np.asarray(canvas.buffer_rgba())).save(path, format="png", compress_level=4)  # type: ignore[no-untyped-call]
+        canvas.draw()  # type: ignore[no-untyped-call]  # once, not twice as `savefig`
+    pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    Image.fromarray(pixels).save(path, format="png", compress_level=4)
     return Path(path)
 
 

@@ -117,6 +117,8 @@ def prepare(job: BindJob) -> Prepared:
     fixed = (*FIXED, *MODEL_OPTIONS)
     about = {"source": job.source, "model": model_name, "frames": kept.frames, "rate": source.fps, **given(job, *fixed)}
     name = " ".join([model_name, *[f"({words})" for words in (kind, chosen) if words and words != model_name]])
+    if model.group > 1:
+        name += f", {model.group} of {source.fps:g} frames/s averaged"
     most = None if seconds is None else max(1, round(seconds * source.fps))
     return Prepared(source, model, state, 0 if live else kept.frames, most, name, about)
 

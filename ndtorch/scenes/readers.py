@@ -527,7 +527,8 @@ def mot_sequence(folder: Path) -> tuple[Path, float | None]:
 
 
 def rate_of(stamps: Sequence[float], declared: Iterable[float]) -> float:
-    """Frames a second by time stamps: the mean of the intervals near their median; 0 where there are too few.
+    """Frames a second by time stamps: by the mean of the intervals near their median, or of all where frames arrive in
+    bursts, some at once; 0 where there are too few.
 
     Args:
         stamps: in the order in which frames are shown, seconds.
@@ -537,12 +538,14 @@ def rate_of(stamps: Sequence[float], declared: Iterable[float]) -> float:
     29.97
     """
     steps = np.diff(np.asarray(stamps, dtype=np.float64))
-    steps = steps[np.isfinite(steps) & (steps > 0)]
-    if len(steps) == 0:
+    steps = steps[np.isfinite(steps) & (steps >= 0)]
+    if not steps.any():
         return 0.0
     middle = float(np.median(steps))
-    usual = steps[np.abs(steps - middle) <= max(0.25 * middle, 0.0011)]
-    rate = 1 / float(usual.mean() if len(usual) else middle)
+    near = np.abs(steps - middle) <= max(0.25 * middle, 0.0011)
+    # A pause is one long interval, bursts have many, which take most of the time.
+    bursts = not steps[near].any() or (near.mean() < 0.97 and 2 * steps[near].sum() < steps.sum())
+    rate = 1 / float((steps if bursts else steps[near]).mean())
     return next((one for one in declared if abs(one - rate) <= 0.02 * rate), rate)
 
 

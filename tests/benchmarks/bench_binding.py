@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -22,13 +27,13 @@ TRIALS = 256
 
 
 def rows(device: str | None = None) -> list[Row]:
-    found = [*network_rows("cpu"), *model_rows(), figures_row(), *job_rows()]
+    found = [*network_rows("cpu"), *model_rows(), figures_row(), *job_rows(), *process_rows()]
     if device is not None:
-        found += network_rows(device)
+        found += network_rows(device, 1024)
     return found
 
 
-def network_rows(device: str) -> list[Row]:
+def network_rows(device: str, trials: int = TRIALS) -> list[Row]:
     """One learned network, and a batch of them that see the scene at different moments."""
     model = ndtorch.load("published").to(device)
     features = VisualFeatures()
@@ -41,7 +46,7 @@ def network_rows(device: str) -> list[Row]:
         learned, trained = model.from_sums(scene)
         network: InhibitoryNetwork = model.second
         single = learned.refined[-STEPS:]
-        delays = torch.arange(TRIALS) * 2
+        delays = torch.arange(trials) % TRIALS * 2
         many = torch.stack([learned.refined[100 + d : 700 + d] for d in delays.tolist()])
         _, batch_state = network(many[:, : 600 - STEPS])
         batch = many[:, -STEPS:]
@@ -67,10 +72,10 @@ def network_rows(device: str) -> list[Row]:
             f"{0.01 / one:.0f}x",
         ),
         Row(
-            f"second stage on {device}, {TRIALS} trials at once",
-            f"{1e6 * all_trials / TRIALS:.2f} us a trial-step",
+            f"second stage on {device}, {trials} trials at once",
+            f"{1e6 * all_trials / trials:.2f} us a trial-step",
             "one at a time",
-            f"{one * TRIALS / all_trials:.0f}x",
+            f"{one * trials / all_trials:.0f}x",
         ),
         Row(
             f"scale-free rule on {device}, one network",
@@ -79,8 +84,8 @@ def network_rows(device: str) -> list[Row]:
             f"{times['scale-free single'] / times['single']:.2f}x its time",
         ),
         Row(
-            f"scale-free rule on {device}, {TRIALS} trials at once",
-            f"{1e6 * times['scale-free batch'] / STEPS / TRIALS:.2f} us a trial-step",
+            f"scale-free rule on {device}, {trials} trials at once",
+            f"{1e6 * times['scale-free batch'] / STEPS / trials:.2f} us a trial-step",
             "published step",
             f"{times['scale-free batch'] / times['batch']:.2f}x its time",
         ),
@@ -170,4 +175,27 @@ def job_rows() -> list[Row]:
         found.append(
             Row(f"two bars, stimulus to table, {what}", f"{100 * speed:.0f} frames/s", "real time", f"{speed:.1f}x")
         )
+    return found
+
+
+def process_rows() -> list[Row]:
+    """Whole processes, with compiled kernels: processor seconds from Enter to the end."""
+    program = next(
+        part for part in Path("README.md").read_text(encoding="utf-8").split("```python\n") if "two_bars" in part
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        jobs = {
+            "the ten lines of README.md": [sys.executable, "-c", program.partition("```")[0]],
+            "`ndtorch bind two-bars`": [sys.executable, "-m", "ndtorch", "bind", "two-bars", "--out", folder],
+        }
+        found = []
+        for what, command in jobs.items():
+            taken = []
+            for _ in range(3):
+                before = os.times()
+                subprocess.run(command, check=True, capture_output=True)
+                after = os.times()
+                taken.append(sum(after[2:4]) - sum(before[2:4]))
+            seconds = statistics.median(taken)
+            found.append(Row(f"{what}, whole process", f"{seconds:.1f} s", "19 s of scene", f"{19 / seconds:.1f}x"))
     return found

@@ -239,3 +239,11 @@ def test_signals_have_names_and_units_in_xarray() -> None:
     table = signals.to_xarray()
     assert (table.outputs.dims, table.time.units) == (("trial", "time", "signal"), "s")
     assert torch.equal(torch.from_numpy(table.sums.sel(signal="red", trial=1).values), signals.sums[1, :, 7])
+
+
+@pytest.mark.parametrize("fps", [0.5, 1.0, 10_000.0])
+def test_signals_of_any_rate_have_a_read_out(fps: float) -> None:
+    model = ndtorch.load("scale-free", fps=fps)
+    signals, state = model.from_sums(torch.rand(12, 10))
+    assert signals.outputs.isfinite().all()
+    assert model.objects(state) is not None

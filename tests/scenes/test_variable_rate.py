@@ -9,6 +9,7 @@ import torch
 
 import ndtorch
 from ndtorch.run.run import run_model
+from ndtorch.scenes.readers import rate_of
 from ndtorch.scenes.video import open_video
 from tests.foreground.passing_scenes import SIZE, ground
 from tests.scenes.clips import film
@@ -47,3 +48,9 @@ def test_an_object_is_reported_when_it_is_there(tmp_path: Path, suffix: str) -> 
 def test_a_rate_that_is_given_takes_frames_as_they_follow(tmp_path: Path) -> None:
     with open_video(clip(tmp_path, "mp4"), SIZE, fps=25.0) as source:
         assert sum(len(frames) for frames in source.chunks()) == len(TIMES)
+
+
+@pytest.mark.parametrize("together", [0.0, 0.001])
+def test_a_rate_is_frames_over_time_where_three_arrive_at_once(together: float) -> None:
+    stamps = [0.1 * (n // 3) + together * (n % 3) for n in range(91)]
+    assert rate_of(stamps, ()) == pytest.approx(30)

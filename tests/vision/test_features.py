@@ -15,6 +15,7 @@ from ndtorch.errors import InputError
 from ndtorch.vision import HassensteinReichardt, OrientedDoG, VisualFeatures
 from ndtorch.vision.frames import check_frames
 from ndtorch.vision.motion import BORDERS, Border, MotionState
+from tests.benchmarks.bench_features import on_device
 from tests.strategies import in_chunks, noise
 
 
@@ -165,3 +166,7 @@ def test_floats_out_of_range_are_refused(low: float, high: float) -> None:
         check_frames(frames)
     # A little too much is the interpolation's.
     check_frames(frames.clamp(-0.005, 1.005))
+
+
+def test_the_benchmark_of_a_device_runs_on_a_cpu() -> None:
+    assert float(on_device("cpu", count=2, size=40).figure.split()[0]) > 0
