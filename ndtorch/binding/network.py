@@ -345,7 +345,8 @@ class InhibitoryNetwork(FullPrecision):
             summed magnitude of that of the mean weights, `[...]`, and whether it was one, None for yes.
         """
         outs, shifts, time, lag = list[Tensor](), list[Any](), self.time, self.lag
-        past = [*state.recent.unbind(time), state.outputs]
+        # An exported program cannot take a tensor of no steps apart.
+        past = [*(state.recent.unbind(time) if self.lag > 1 else ()), state.outputs]
         for sample, timing in zip(drive.unbind(time), self._timings(state.steps, drive), strict=True):
             weights, before = state.weights, past[-lag]
             if self.shared:

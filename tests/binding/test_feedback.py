@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 
 from ndtorch.binding import InhibitoryNetwork, learning_rule, spectral_radius
 from ndtorch.binding.rules import BOUNDS, ScaleFreeRule
-from tests.compilers import exports
 
 
 def sources(steps: int, seed: int = 0, count: int = 2) -> torch.Tensor:
@@ -135,22 +134,3 @@ def exported_inputs(steps: int) -> torch.Tensor:
 
 
 # tests/test_export.py exports one with delays, in its model.
-@pytest.mark.parametrize("use", [pytest.param("delayed", marks=pytest.mark.long), "settled"])
-@exports
-def test_an_exported_network_gives_the_same_chunk_by_chunk(use: str) -> None:
-    """From the middle of a block on, for chunks that are no whole number of blocks."""
-    inputs = exported_inputs(51)
-    if use == "settled":
-        network = InhibitoryNetwork.scale_free(10, settle=0.1)
-    else:
-        network = InhibitoryNetwork(10, rule=learning_rule("competitive", gamma=2.0, tau_onset=0.1), settle=0.1)
-    _, state = network(inputs[:3])
-    program = torch.export.export(network, (inputs[3:11], state)).module()
-    eager = exported = state
-    for chunk in inputs[3:].split(8):
-        (one, eager), (other, exported) = network(chunk, eager), program(chunk, exported)
-        assert_allclose(other, one, atol=1e-5)
-        assert_allclose(exported.weights, eager.weights, atol=1e-5)
-        assert_allclose(exported.mean_weights, eager.mean_weights, atol=1e-5)
-        assert torch.equal(exported.steps, eager.steps)
-    assert eager.weights.any()

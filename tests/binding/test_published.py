@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,12 +10,9 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
-import ndtorch
-from ndtorch.binding import BindingInputs, InhibitoryNetwork, LearningRule, PublishedModel, learning_rule
+from ndtorch.binding import BindingInputs, InhibitoryNetwork, PublishedModel, learning_rule
 from ndtorch.binding.models.whole_field import PublishedConfig
-from ndtorch.binding.rules import RULES
 from ndtorch.config import with_options
-from ndtorch.errors import InputError
 from ndtorch.vision import GROUPS, VisualFeatures
 
 QUICK = {"gamma": 5.0, "settle": 0.1, "tau_onset": 0.1, "window": 0.5, "stable_window": 0.2}
@@ -101,29 +97,6 @@ def test_a_constant_scene_is_static() -> None:
     # Sums over many pixels differ by rounding from chunk to chunk, which the floor holds down.
     assert signals.outputs.abs().max() < 1e-3
     assert not signals.sums[:, :4].any()
-
-
-def test_a_rule_given_as_an_object_is_not_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    mine = PublishedModel(model().config, first_stage(), rule=LearningRule(torch.sin, torch.cos, "mine"))
-    with pytest.raises(InputError, match=r"RULES\['mine'\] = lambda f, g, \*\*constants"):
-        mine.save(tmp_path / "model")
-    known = PublishedModel(model().config, first_stage(), rule=learning_rule("competitive", gamma=2.0))
-    with pytest.raises(InputError, match=r"rule 'competitive' was given as an object.*RULES\['mine'\]"):
-        known.save(tmp_path / "model")
-    with pytest.raises(InputError, match=r"gamma was given for every trial, .*: set it in the config"):
-        PublishedModel(model().config, first_stage(), gamma=torch.tensor([0.1, 0.2])).save(tmp_path / "model")
-    assert not (tmp_path / "model").exists()
-
-    # As the message says.
-    def maker(gamma: float, tau_onset: float, radius_limit: float, **_: Any) -> LearningRule:
-        return LearningRule(torch.sin, torch.cos, "mine", gamma, tau_onset, radius_limit)
-
-    monkeypatch.setitem(RULES, "mine", maker)
-    named, frames = model(rule="mine"), noise(40, 3, 12, 14)
-    named.save(tmp_path / "model")
-    weights = ndtorch.load(tmp_path / "model")(frames)[1].second.weights
-    assert torch.equal(weights, named(frames)[1].second.weights)
-    assert not torch.equal(weights, model()(frames)[1].second.weights)
 
 
 @pytest.mark.parametrize(

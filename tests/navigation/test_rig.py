@@ -180,24 +180,6 @@ def test_every_format_gives_the_same_rig(files: list[Path]) -> None:
     assert (rig.focal, rig.cx, rig.cy) == pytest.approx((FOCAL, CX, CY), abs=1.0)
 
 
-def test_units_and_sizes_are_checked(tmp_path: Path) -> None:
-    paths = [tmp_path / f"{n}.yaml" for n in (0, 1)]
-    for n, path in enumerate(paths):
-        path.write_text(ros(n, unit=0.001))
-    with pytest.raises(InputError, match="120 m apart, more than 2 m: is the file in mm"):
-        StereoRig.load(*paths)
-    assert StereoRig.load(*paths, unit_m=0.001).baseline == pytest.approx(BASELINE)
-    with pytest.raises(InputError, match=r"is for \(640, 480\) images and the frames are \(320, 240\)"):
-        StereoRig.load(*paths, unit_m=0.001, width=320, height=240)
-    with pytest.raises(InputError, match="camera on the right"):
-        StereoRig.load(paths[1], paths[0], unit_m=0.001)
-    (tmp_path / "empty.txt").write_text("nothing of this kind")
-    with pytest.raises(InputError, match="no calibration that is known"):
-        StereoRig.load(tmp_path / "empty.txt")
-    with pytest.raises(InputError, match=r"none\.yaml: cannot be read"):
-        StereoRig.load(tmp_path / "none.yaml")
-
-
 def test_what_cannot_be_a_calibration_is_refused(tmp_path: Path) -> None:
     """One camera, a missing part, numbers that cannot be, and files that would not end."""
     size, path = {"width": WIDTH, "height": HEIGHT}, tmp_path / "c.yml"

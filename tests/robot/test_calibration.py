@@ -177,25 +177,3 @@ def test_live_cameras_and_the_images_that_were_kept_of_them(tmp_path, capsys, mo
     assert main(["calibrate", *folders, "--out", str(out)]) == 1
     assert "REFUSED" in capsys.readouterr().out
     assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda f: (f / "right" / "0.png").unlink(), "as many images, got 2 and 1"),
-        (lambda f: (f / "right").rename(f / "other"), "no such folder"),
-        (lambda f: cv2.imwrite(str(f / "left" / "1.png"), np.zeros((9, 9), np.uint8)), "not of the size"),
-        (lambda f: (f / "left" / "1.png").write_bytes(b"x"), "not an image"),
-        (lambda f: None, "10 pairs that show the whole board are needed, got 0"),
-    ],
-)
-def test_folders_that_cannot_be_used(tmp_path, capsys, change, message):
-    for side in ("left", "right"):
-        (tmp_path / side).mkdir()
-        for n in range(2):
-            cv2.imwrite(str(tmp_path / side / f"{n}.png"), picture(n))
-    change(tmp_path)
-    assert main(["calibrate", str(tmp_path / "left"), str(tmp_path / "right"), "--out", str(tmp_path / "o.yaml")]) == 2
-    err = capsys.readouterr().err
-    assert message in err
-    assert err.count("\n") == 1

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import ndtorch_robot.car
-from ndtorch.cli.command_run import INCOMPLETE
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils import workers
@@ -129,23 +128,6 @@ def driven(monkeypatch):
 
     monkeypatch.setattr(workers, "run_tasks", run)
     return entries
-
-
-def test_what_is_finished_is_kept_and_not_driven_again(file, driven, capsys):
-    out = file.parent / "out"
-    command = ["barn", str(file), "--out", str(out), "--json"]
-    assert main(command) == INCOMPLETE
-    printed, told = capsys.readouterr()
-    totals = {"worlds": 2, "success": 0.5, "collided": 0.5, "score": 0.125, "median_time_s": 20.0}
-    assert json.loads(printed) == totals
-    assert "failed: world 5: InputError: no OpenGL" in told
-    assert (out / "barn.csv").read_text().splitlines()[1:] == [
-        "4,True,False,20.0,0.25",
-        "6,False,True,20.0,0.0",
-    ]
-    assert "1 of 3 worlds are missing" in (out / "barn.md").read_text()
-    assert main(command) == INCOMPLETE
-    assert [file.worlds[0].world for file, _ in driven] == [4, 5, 6, 5]
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,7 @@ import torch
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import Body, StereoRanging, controller_names
-from ndtorch.run.arguments import parse
 from ndtorch_robot.commands import doctor
-from ndtorch_robot.commands.drive import DriveArena
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.run_config import RigTable, RunConfig, read_run_config
@@ -95,24 +93,6 @@ def test_the_defaults_are_the_car_of_the_paper() -> None:
     limits = car.safety_limits
     assert (limits.speed_m_per_s, limits.curvature_per_m) == (pytest.approx(0.6), pytest.approx(1 / 0.45))
     assert CarLimits.of(Body()) == CarLimits()
-
-
-def test_options_of_files_lie_below_those_that_are_given(tmp_path: Path) -> None:
-    file = ROOT / "robot" / "configs" / "mini.toml"
-    shared = tmp_path / "drive.toml"
-    shared.write_text(f'robot = "{file}"\nseconds = 3\nlocalise = true')
-    for arguments, values in (
-        (["--robot", str(file)], ("auto", 60.0, False)),
-        (["--robot", "mini", "--stereo", "features"], ("features", 60.0, False)),
-        ([str(shared)], ("auto", 3.0, True)),
-        ([str(shared), "--localise", "--seconds", "60"], ("auto", 60.0, True)),
-    ):
-        command = parse(DriveArena, "drive", arguments)
-        assert (command.stereo, command.seconds, command.localise) == values
-        assert command.robot_config == read_run_config(file)
-    shared.write_text("second = 3")
-    with pytest.raises(InputError, match=r"unknown key 'second'; did you mean seconds\?"):
-        parse(DriveArena, "drive", [str(shared)])
 
 
 UNIT = ROOT / "robot" / "maxstone8.service"

@@ -80,43 +80,6 @@ def test_interrupt_keeps_everything():
     assert result.summary["simulated_seconds"] == pytest.approx(39 / 30, abs=1e-3)  # where the fortieth step began
 
 
-def test_map_of_one_pass_of_the_hallway():
-    """A7, with the true pose: door spacing, position, precision, recall; ranges against ray casting."""
-    result = drive(DriveConfig(seed=11, seconds=32, stereo="features"), steer=straight)
-    score = result.summary["map"]
-    assert min(score["precision"], score["recall"]) >= 0.6
-    assert score["position_error_cm"] <= 1.5
-    assert score["spacing_error_percent"] <= 1.2
-    measured, true = against_truth(result, 0.5)
-    error = measured / true - 1
-    good = np.abs(error) < 0.25
-    assert good.mean() >= 0.7
-    near = error[good & (measured > 1.0) & (measured < 2.1)]
-    assert len(near) > 100
-    assert np.median(np.abs(near)) < 0.01
-    assert abs(np.mean(near)) < 0.01
-
-
-def against_truth(result, pixels):
-    """Ranges, and what rays through the pixel of the left camera meet that is nearest to them.
-
-    A pixel is as wide as `pixels` on either side: at a corner with a niche behind it, it sees both.
-    """
-    rig, record = result.simulation.rig, result.record
-    found, true = [], []
-    for (x, y, heading), (distance, angle, _, valid) in zip(record.array("pose"), record.array("ranges"), strict=True):
-        if not valid.any():
-            continue
-        c, s = np.cos(heading), np.sin(heading)
-        eye = np.array([x + rig.forward * c - rig.baseline / 2 * s, y + rig.forward * s + rig.baseline / 2 * c])
-        distance, angle = distance[valid > 0], angle[valid > 0].astype(float)
-        tangents = np.tan(angle) + np.linspace(-pixels, pixels, 7)[:, None] / rig.focal
-        rays = np.stack([result.plan.cast(eye, heading + np.arctan(t)) for t in tangents])
-        found += list(distance)
-        true += list(rays[np.abs(rays - distance).argmin(0), np.arange(len(distance))])
-    return np.array(found), np.array(true)
-
-
 def test_published_rule_in_the_curve():
     """A4: it drives on, for minutes in `ndtorch reproduce A4`; with reversed turns it collides within 8 s."""
     result = drive(DriveConfig(arena="curve", seed=11, seconds=18, controller="published"))

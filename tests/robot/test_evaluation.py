@@ -15,7 +15,6 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.drives import digest, key_of
 from ndtorch_robot.evaluation.metrics import MapScore, score_map, true_edges, visible
 from ndtorch_robot.evaluation.record import Record
-from ndtorch_robot.evaluation.table import markdown, table_of
 from ndtorch_robot.sim.arenas import Box, trace
 from ndtorch_robot.sim.plan import Plan, cylinder
 from ndtorch_robot.sim.textures import ALONG
@@ -51,28 +50,6 @@ def test_key_names_what_a_drive_depends_on(tmp_path):
     for file, change in ((arena, {"arena": str(arena)}), (robot, {"robot": robot})):
         file.write_text("second")
         assert digest(key_of(replace(config, **change))) not in keys
-
-
-def test_rows_are_of_all_drives_together():
-    none = {"precision": 0.6, "recall": None, "position_error_cm": None, "spacing_error_percent": None, "surfaces": 1.0}
-    drives = [
-        summary(),
-        summary("loop", disturbance="noise"),
-        summary(seed=2, collisions=0, stopped=0, simulated_seconds=2700.0, free_area_passed=0.9, map=none),
-    ]
-    table = table_of(drives)
-    room, loop = table.to_dict("records")
-    assert (room["arena"], loop["arena"], loop["disturbance"]) == ("room", "loop", "noise")
-    sums = [room[name] for name in ("simulated hours", "collisions/h", "stops/h", "m driven")]
-    assert sums == [1.0, 2.0, 1.0, 800.0]
-    means = [room[name] for name in ("passed within 1 m %", "map precision %", "map within 10 cm of surfaces %")]
-    assert means == pytest.approx([70, 70, 95])
-    assert room["map recall %"] == 60
-    assert loop["collisions/h"] == 8.0
-    lines = markdown(table, "note").splitlines()
-    assert lines[2] == "| room | published | - | 2 | 1.00 | 2.0 | 1.0 | 800 | 70 | 70 | 95 | 60 |"
-    assert lines[-1] == "note"
-    assert "disturbance" not in markdown(table_of(drives[:1]), "").splitlines()[0]
 
 
 def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):

@@ -3,7 +3,6 @@
 import os
 import re
 import select
-import shutil
 import subprocess
 import time
 
@@ -49,41 +48,6 @@ def test_own_tests_on_a_board():
 
 
 COMPILERS = ["cc", pytest.param("avr-gcc -mmcu=atmega328p", marks=needs_board)]
-
-
-@pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize(
-    ("name", "value", "taken"),
-    [
-        ("BATTERY_EMPTY_MV", "0", True),  # never stop
-        ("BATTERY_EMPTY_MV", "900", False),
-        ("ROBOT_NAME", '"short"', False),
-        ("MIN_PULSE_US", "499", False),
-        ("MOTOR_BRAKE_US", "(MIN_PULSE_US - 1)", False),
-        ("FRONT_NEUTRAL_US", "MIN_PULSE_US", False),
-        ("MAX_SPEED_MM_S", "5001", False),
-        ("BATTERY_LOW_SPEED_MM_S", "MAX_SPEED_MM_S", True),  # no limit
-        ("NOISE_LIMIT", "1", False),
-        ("ACCELERATION_MM_S2", "100000", True),
-        ("ACCELERATION_MM_S2", "100001", False),
-        ("REAR_US_PER_1_M", "(-10000)", True),
-        ("REAR_US_PER_1_M", "(-10001)", False),
-        ("COMMAND_TIMEOUT_MS", "1001", False),
-        ("HEARTBEAT_TIMEOUT_MS", "0", False),
-    ],
-)
-def test_numbers_of_a_car_are_taken_or_refused_when_it_is_compiled(tmp_path, compiler, name, value, taken):
-    folder = tmp_path / "firmware"
-    shutil.copytree(FIRMWARE, folder, ignore=shutil.ignore_patterns("build"))
-    config = folder / "config.h"
-    text, count = re.subn(rf"(?m)^#define {name} [^/\n]*", f"#define {name} {value} ", config.read_text())
-    assert count == 1
-    config.write_text(text)
-    flags = ["-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror", "-O1", "-c", "-o"]
-    command = [*compiler.split(), *flags, tmp_path / "drive.o", folder / "drive.c"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (done.returncode == 0) == taken, done.stderr
-    assert taken or "static assertion failed" in done.stderr
 
 
 def test_both_sides_mean_the_same():

@@ -174,23 +174,6 @@ def film(count, kind=FilmCar, **options):
     return car, made, lines
 
 
-def test_every_step_reaches_every_observer_and_the_command_goes_before_the_map(monkeypatch):
-    car, made, lines = film(40)
-    numbers, order, send, complete = [], [], car.drive.send, car.runner.complete
-    car.observers.append(lambda step: numbers.append(step.number))
-    monkeypatch.setattr(car.drive, "send", lambda command: order.append("send") or send(command))
-    monkeypatch.setattr(car.runner, "complete", lambda: order.append("complete") or complete())
-    assert car.run(38.5 / 30) == 40
-    assert order == ["send", "complete"] * 40
-    assert numbers == [step.number for step in made] == list(range(40))
-    assert [step.time for step in made] == pytest.approx([n / 30 for n in range(40)], abs=1e-9)
-    assert (made[0].sent, made[0].standing, car.late) == (STAND, None, 0)  # started at its end
-    assert all(step.used and step.state is not None and not step.restarted for step in made)
-    assert max(step.sent.speed for step in made) > 0.3
-    assert (lines, car.safe.faults) == (["started"], [])
-    assert car.drive.sent == STAND
-
-
 def test_late_steps_are_counted_not_made_up():
     car, made, _ = film(40)
     car.observers.append(lambda step: setattr(car.drive, "time", step.time + 1.0) if step.number == 1 else None)

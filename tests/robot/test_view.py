@@ -11,7 +11,6 @@ import pytest
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.recording import Recorder
-from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.view import View, open_stream
 from tests.robot.support.cars import FAULTS, RIG, FilmCar, bare_loop, moving_world
 
@@ -77,24 +76,6 @@ def test_a_run_and_its_replay(tmp_path, capsys):
     assert main(["replay", str(tmp_path / "r.mcap"), "--rrd", str(again), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["same"] == 90
     check_contents(again, 90)
-
-
-def test_the_true_path_over_the_plan_is_cut_where_the_car_was_moved(tmp_path):
-    path, plan, loop = tmp_path / "d.rrd", load_arena("room"), film_loop(30)
-    at = [1.0, 2.0]
-    shown = View(open_stream("d", path, plan=plan), loop.runner, wait=True, plan=plan, truth=lambda: (*at, 0.0))
-
-    def drive(step):
-        at[0] += 0.05 + 2.0 * (step.number == 20)
-        shown(step._replace(placed=(*at, 0.0) if step.number == 20 else None))
-
-    loop.observers.append(drive)
-    loop.run(28.5 / 30)
-    shown.close()
-    strips = rows(path, "/floor/path", "LineStrips2D:strips")[-1][1]
-    ends = [(strip[0][0], strip[-1][0]) for strip in strips]
-    assert ends == [pytest.approx((1.05, 2.0), abs=0.1), pytest.approx((4.05, 4.5), abs=0.1)]
-    assert strips[0][0][1] == pytest.approx(-2.0)  # the viewer's y axis points down
 
 
 def test_a_loop_never_waits_for_a_view_that_hangs_or_breaks(monkeypatch):

@@ -19,7 +19,6 @@ from ndtorch.scenes import (
     NoFluctuation,
     RandomShadow,
     SineShadow,
-    equal_bars,
     hsl_color,
     make_scene,
     scene_names,
@@ -113,25 +112,6 @@ def test_sine_shadow_is_the_published_pattern() -> None:
     assert SineShadow(phase=90).light((8, 8))[0, 0, 0].item() == pytest.approx(0.75)
 
 
-def test_random_shadow_is_two_wrapped_blurs_of_noise() -> None:
-    light = RandomShadow(7).light((60, 80))[0]
-    assert light.min().item() == pytest.approx(0.25)
-    assert light.max().item() == pytest.approx(0.75)
-    assert torch.equal(light, RandomShadow(7).light((60, 80))[0])
-    assert not torch.equal(light, RandomShadow(8).light((60, 80))[0])
-
-    noise = torch.rand((60, 80), generator=torch.Generator().manual_seed(7), dtype=torch.float64).numpy()
-    for _ in range(2):
-        for axis, n in enumerate(noise.shape):
-            # Sampled over three turns on either side, so that what leaves one edge enters at the other.
-            offsets = np.arange(-3 * n, 3 * n + 1)
-            kernel = np.exp(-(offsets**2) / (2 * 6.0**2))
-            shifted = [w * np.roll(noise, o, axis) for o, w in zip(offsets, kernel / kernel.sum(), strict=True)]
-            noise = np.sum(shifted, axis=0)
-    want = 0.25 + 0.5 * (noise - noise.min()) / (noise.max() - noise.min())
-    np.testing.assert_allclose(light.numpy(), want, atol=1e-4)
-
-
 def test_distance_takes_a_bar_from_12_to_9_pixels_and_back() -> None:
     bars = [Bar(WHITE, 0, (45, 40), speed=0)]
     frames = BarScene(bars, 2.0, Distance(), (80, 90)).frames(0, 200)[:, 0].double()
@@ -207,25 +187,6 @@ def test_blue_stays_clear_of_the_others_for_the_whole_run() -> None:
         for n in range(0, scene.length, 20):  # a bar moves by 10 pixels, and is 12 wide
             red, green, blue = (scene.frames(n, n + 1) > 0).unbind(-3)
             assert not (blue & (red | green)).any()
-
-
-@pytest.mark.parametrize("kind", ["shadow", "distance"])
-def test_equal_bars_differ_in_their_fluctuation_alone(kind: str) -> None:
-    scene = equal_bars(fluctuation=kind)
-    first, second, third = scene.bars
-    for bar in (second, third):
-        assert (bar.color, bar.direction, bar.tilt, bar.speed) == (  # type: ignore[union-attr]
-            first.color,  # type: ignore[union-attr]
-            first.direction,  # type: ignore[union-attr]
-            first.tilt,  # type: ignore[union-attr]
-            first.speed,  # type: ignore[union-attr]
-        )
-    total = sums(scene, 19.0)[:, 1]
-    spectrum = np.abs(np.fft.rfft(total - total.mean()))
-    peaks = set(np.argsort(spectrum)[-8:])
-    expected = [0.866 * 50 / p for p in (125 / 3, 50, 62.5)] if kind == "shadow" else [0.8, 1.0, 1.25]
-    for hertz in expected:
-        assert peaks & {math.floor(hertz * 19), math.ceil(hertz * 19)}
 
 
 def test_scenes_by_name() -> None:

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor, nn
 from torch._subclasses.fake_tensor import FakeTensorMode
 
-import ndtorch
 from ndtorch.errors import InputError
-from ndtorch.export import export
-from ndtorch.utils.tensors import leaves
 from ndtorch.vision import (
     NDS,
     BarlowLevick,
@@ -212,26 +207,6 @@ def test_filters_by_real_matrices_are_those_of_ffts() -> None:
         image = noise(2, *size)
         torch.testing.assert_close(real.images(image), usual.images(image), atol=2e-5, rtol=1e-4)
         torch.testing.assert_close(real.sums(image), usual.sums(image), rtol=1e-4, atol=1e-3)
-
-
-@pytest.mark.long
-def test_the_published_model_runs_as_onnx(tmp_path: Path) -> None:
-    pytest.importorskip("onnxscript")
-    model = ndtorch.load("published", size=SIZE, settle=0.0, tau_onset=0.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        _, following = export(model, tmp_path, "onnx", len(FILM))
-    # Motion of the second frame of all is zero but for rounding, and is divided by its own largest.
-    with torch.no_grad():
-        _, state = model(FILM)
-        signals, _ = model(FILM.flip(0), state)
-    runtime = pytest.importorskip("onnxruntime")
-    session = runtime.InferenceSession(following, providers=["CPUExecutionProvider"])
-    inputs = (FILM.flip(0), *leaves(state).values())
-    names = [one.name for one in session.get_inputs()]
-    found = session.run(None, dict(zip(names, (x.numpy() for x in inputs), strict=True)))
-    for ours, theirs in zip(signals, found, strict=False):
-        torch.testing.assert_close(torch.from_numpy(theirs), ours, atol=1e-4, rtol=1e-3)
 
 
 PHASES = [k / 16 + 0.03 for k in range(16)]

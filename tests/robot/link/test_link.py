@@ -406,23 +406,6 @@ def test_the_simulated_world_is_a_link():
     assert car.drive.car.speed == 0.0
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('link = {kind = "can"}', "link.kind must be one of gpio, hosted-board, .*serial, .*, got 'can'"),
-        ('link = {kind = "serial", baud = 500}', "device"),
-        ('link = {device = "/dev/x", baud = 5}', "baud = 5: should be greater"),
-        ('link = {device = "/dev/x", bauds = 9600}', "unknown key 'bauds'; did you mean baud?"),
-        ('link = {kind = "paper", pages = "many"}', "pages = 'many'"),
-        ("", "real cameras need a real board: give link.device"),
-    ],
-)
-def test_bad_tables(tmp_path, paper, text, message):
-    (tmp_path / "car.toml").write_text(f'board_name = "x"\n{text}\ncameras = {{left = "0", right = "1"}}\n')
-    with pytest.raises(InputError, match=message):
-        read_toml(tmp_path / "car.toml", RunConfig)
-
-
 def test_a_simulated_world_needs_a_link_that_moves_it(paper):
     with pytest.raises(InputError, match=r"a simulated world is driven by link\.kind = 'simulated-board'"):
         open_link({"kind": "paper"}, Opening("x", print, object()))

@@ -6,33 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import Strips
 from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.sim.disturbances import PRESETS, Disturbances, Effects, read_disturbances
+from ndtorch_robot.sim.disturbances import Disturbances, Effects, read_disturbances
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, SimulatedCar, Simulation
 
 
 def effects(**numbers):
     return Effects(Disturbances(**numbers), np.random.default_rng(0))
-
-
-def test_text():
-    assert read_disturbances("").none
-    assert read_disturbances("noise_sigma=0").none
-    read = read_disturbances("noise,pitch_deg=-2,latency_s=0.05")
-    assert (read.noise_sigma, read.pitch_deg, read.latency_s, read.delay_s) == (0.05, -2, 0.05, 0)
-    assert not any(read_disturbances(name).none for name in PRESETS)
-    assert read_disturbances("slip").odometer
-    assert not read_disturbances("noise,lost,delay").odometer
-    for text, words in (
-        ("nois", "no disturbance 'nois'"),
-        ("nois_sigma=1", "did you mean noise_sigma"),
-        ("noise_sigma=2", "noise_sigma"),
-    ):
-        with pytest.raises(InputError, match=words):
-            read_disturbances(text)
 
 
 def test_light():

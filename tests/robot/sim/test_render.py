@@ -14,23 +14,6 @@ from ndtorch_robot.sim.simulation import RIG, Cameras, Simulation
 from ndtorch_robot.sim.world import World, with_mipmaps
 
 
-@pytest.mark.parametrize("size", [(16, 16), (13, 22), (1, 5)])
-def test_mipmaps(size):
-    """Of a linear ramp every level is the same ramp, and each level has a border of its opposite side."""
-    down, along = np.meshgrid(*(np.linspace(0, 1, n) for n in size), indexing="ij")
-    image = np.stack((200 * along, 200 * down, 50 + 0 * down), -1).round().astype(np.uint8)
-    texels, levels = with_mipmaps([image])
-    for k, (begin, wide, high) in enumerate(levels[0, : 1 + int(math.log2(max(size)))].tolist()):
-        assert (high, wide) == tuple(max(n >> k, 1) for n in size)
-        got = texels[begin : begin + (wide + 2) * (high + 2)].reshape(high + 2, wide + 2)
-        inner = got[1:-1, 1:-1]
-        assert np.array_equal(got, np.pad(inner, 1, "wrap"))
-        for color, (few, many) in enumerate(((wide, size[1]), (high, size[0]))):
-            values = (inner >> 8 * color & 255).mean(color)
-            wanted = ((np.arange(few) + 0.5) * many / few - 0.5) / max(many - 1, 1) * 200
-            assert np.abs(values - wanted).max() <= k + 1
-
-
 def between_texels(image, u, v):
     """The color between four texels; the picture goes on at its other side."""
     high, wide = image.shape[:2]

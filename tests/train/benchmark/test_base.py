@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import functools
 import json
 from pathlib import Path
@@ -16,7 +15,7 @@ from ndtorch.cli.commands import main
 from ndtorch.scenes import three_bars
 from ndtorch.vision import GROUPS
 from ndtorch_train.benchmark.base import Benchmark, Column, Row, Task
-from ndtorch_train.benchmark.ranges import CONDITIONS, Found, judge, pair_folders, read_pair, spoiled
+from ndtorch_train.benchmark.ranges import Found, judge, pair_folders, read_pair, spoiled
 from ndtorch_train.superposed import Bars, Stimuli
 from tests.films import sums_of
 
@@ -103,24 +102,6 @@ def test_conditions_change_what_they_say(tmp_path: Path) -> None:
     pair, rng = read_pair(write_pair(tmp_path / "pair")), np.random.default_rng(0)
     assert spoiled(pair.right, 0.0, 0.9, rng).mean() / pair.right.mean() == pytest.approx(0.9, abs=0.02)
     assert (spoiled(pair.left, 0.01, 1.0, rng) - pair.left.astype(float)).std() == pytest.approx(2.55, abs=0.4)
-
-
-def test_the_command_scores_pairs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_pair(tmp_path / "pairs" / "right")
-    write_pair(tmp_path / "pairs" / "wrong", disparity=2 * SHIFT)
-    out = tmp_path / "out"
-    words = f"benchmark ranges {tmp_path / 'pairs'} --disparities 8 48 --jobs 1 --out {out}"
-    assert main(words.split()) == 0
-    with (out / "ranges.csv").open() as file:
-        rows = {(row["case"], row["method"]): row for row in csv.DictReader(file)}
-    assert len(rows) == 2 * len(CONDITIONS) * 3
-    search = rows["right, as it is", "search"]
-    assert float(search["within_10"]) == 1 == float(search["within_1"])
-    assert float(search["per_row"]) > float(search["known_per_row"]) > 3
-    assert float(rows["wrong, as it is", "search"]["within_10"]) == 0
-    assert (out / "report.html").is_file()
-    assert (out / "pair-001.png").is_file()
-    assert "all pairs" in capsys.readouterr().out
 
 
 def test_a_model_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
