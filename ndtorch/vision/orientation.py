@@ -21,8 +21,9 @@ ANGLES: tuple[float, ...] = (0.0, 60.0, 120.0)
 # rows and columns, where a single grid misses or hits a whole zero crossing of an upright edge at once.
 OFFSETS = (0.0, 0.5)
 
-# Pixels a side below which responses are not thinned out.
-SMALL = 384
+# Pixels a side below which the grids are twice as fine, since few responses leave errors that do not average out, and
+# below which they hold every pixel.
+SMALL, TINY = 384, 96
 
 Deviations = tuple[float, float] | Tensor
 """Standard deviations along and across the long axis of a filter, pixels."""
@@ -148,13 +149,10 @@ class OrientedDoG(FullPrecision):
         self.register_buffer("row_frequencies", rows, persistent=False)
         self.register_buffer("column_frequencies", columns, persistent=False)
 
-        spacing = min(sigmas) / 1.08
-        # A small image is cheap as it is, and has too few responses for errors to average out.
-        small = max(self.padded) < SMALL
-        self.grid = tuple(smooth_length(n if small else math.ceil(n / spacing)) for n in self.padded)
-        down, across = (
-            1 if small else 2 ** halvings(n, min(spacing, n / g)) for n, g in zip(self.padded, self.grid, strict=True)
-        )
+        side, spacing = max(self.padded), min(sigmas) / 1.08
+        spacing = 1.0 if side < TINY else spacing / 2 if side < SMALL else spacing
+        self.grid = tuple(smooth_length(math.ceil(n / spacing)) for n in self.padded)
+        down, across = (2 ** halvings(n, min(spacing, n / g)) for n, g in zip(self.padded, self.grid, strict=True))
         self.blocks = down, across
         # What becomes of an image before `sums_of_thinned` takes it.
         self.thinning = Thinning(size, (1, 1), (0, 0))
