@@ -44,7 +44,7 @@ PICTURES = {"frames.png", "outputs.png", "weights.png"}
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bind", "one-bar", "--seconds", "0.7", "--settle", "0.2", "--json", "--out", str(tmp_path)]) == 0
+    assert main(["bind", "one-bar", "--seconds", "0.7", "--set", "settle=0.2", "--json", "--out", str(tmp_path)]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert set(printed) == set(KEYS.split())
     assert (printed["source"], printed["model"]) == ("one-bar", "scale-free")
@@ -138,7 +138,7 @@ def test_help_shows_what_options_take(capsys: pytest.CaptureFixture[str]) -> Non
         main(["bind", "--help"])
     assert ended.value.code == 0
     text = capsys.readouterr().out
-    for words in ("SOURCE", "--out DIR", "--seconds SECONDS", "--rule {competitive,cooperative,hebbian}", "--quiet"):
+    for words in ("SOURCE", "--out DIR", "--seconds SECONDS", "--fit {crop,stretch}", "--quiet"):
         assert words in text
     assert "default: None" not in text
     assert "(default: two-bars)" in " ".join(text.replace("│", " ").split())
@@ -157,7 +157,7 @@ def test_help_and_scenes_answer_before_torch_is_there(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    short = ["bind", "two-bars", "--settle", "0.3", "--pictures", "5"]
+    short = ["bind", "two-bars", "--set", "settle=0.3", "--pictures", "5"]
     assert main([*short, "--seconds", "1.1", "--out", str(tmp_path / "whole")]) == 0
     assert main([*short, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
     capsys.readouterr()
@@ -173,15 +173,16 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.
     ("model", "options", "rows"),
     [
         # One step a frame where the settled network needs no shorter one, and 100 a second where it does.
-        ("published", ["--settle", "0.2"], 97),
-        ("scale-free", ["--gamma", "0.3", "--settle", "0.1"], 25),
+        ("published", ["settle=0.2"], 97),
+        ("scale-free", ["gamma=0.3", "network.settle=0.1"], 25),
         ("foreground", [], 25),
     ],
 )
 def test_resumed_video_goes_on_bit_for_bit_with_its_model(
     model: str, options: list[str], rows: int, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked = ["bind", str(clip), "--model", model, *options, "--pictures", "0"]
+    settings = [word for option in options for word in ("--set", option)]
+    asked = ["bind", str(clip), "--model", model, *settings, "--pictures", "0"]
     part = str(tmp_path / "part" / "bars")
     assert main([*asked, "--out", str(tmp_path / "whole")]) == 0
     assert main([*asked, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
@@ -197,10 +198,10 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
     resumed = ["bind", str(clip), "--resume", part, "--out", str(tmp_path)]
     refused([*resumed, "--model", other], capsys, model, other)
     if model != "published":
-        refused([*resumed, "--rule", "hebbian"], capsys, "has no option rule; published", model)
+        refused([*resumed, "--set", "rule=hebbian"], capsys, "has no option rule; published", model)
 
 
-@pytest.mark.parametrize(("key", "value"), [("frames", -1), ("fit", 3), ("gamma", []), ("fps", 1e300), ("unheard", 1)])
+@pytest.mark.parametrize(("key", "value"), [("frames", -1), ("fit", 3), ("set", [1]), ("fps", 1e300), ("unheard", 1)])
 def test_options_of_a_kept_run_have_types(
     key: str, value: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -235,7 +236,7 @@ def test_a_pipe_that_nobody_reads_holds_up_nothing() -> None:
 @pytest.mark.parametrize(
     "typed",
     [
-        "bind two-bars --seconds 0.2 --settle 0.1 --pictures 1 --out {0}",
+        "bind two-bars --seconds 0.2 --set settle=0.1 --pictures 1 --out {0}",
         "render three-bars {0}/bars.mp4 --seconds 0.2",
     ],
 )

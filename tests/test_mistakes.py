@@ -33,20 +33,17 @@ CASES = {
         bind text.mp4
         bind void
         bind two-bars --model publishd => did you mean published?
-        bind two-bars --model foreground --rule hebbian => has no option rule; published
-        bind two-bars --model published --rule hebian => did you mean hebbian?
+        bind two-bars --model foreground --set rule=hebbian => has no option rule; published
+        bind two-bars --model published --set rule=hebian => did you mean hebbian?
         bind clip.avi --fit stretch => no option of foreground
-        bind two-bars --gamma 1e300 => --gamma must be
-        bind two-bars --order last => must be one of filter-first, printed
-        bind two-bars --settle 1e15 => --settle must be
-        bind two-bars --seed -1 => --seed must be
-        bind two-bars --phase inf
+        bind two-bars --set gamma=-1 => greater than or equal to 0
+        bind two-bars --set scene.phase=inf
         bind two-bars --device abacus
         bind two-bars --device cpu:7 => there is one cpu
         bind two-bars --device meta => 'meta' cannot be used
         bind two-bars --start 10
         bind two-bars --fit squash => must be one of crop, stretch
-        bind clip.avi --phase 90
+        bind clip.avi --set scene.phase=90
         bind two-bars --resume text.mp4
         bind two-bars --out /proc/nothing
         render three-bras x.mp4 => did you mean three-bars?

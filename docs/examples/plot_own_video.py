@@ -4,7 +4,7 @@ Your own video
 
 The model ``foreground`` finds objects over time, with a box and a silhouette each. Here the clip is rendered first; put
 the path of yours in its place.
-``ndtorch bind my-video.mp4 --open`` uses the same model and shows a report.
+``ndtorch bind my-video.mp4`` uses the same model and writes a report.
 """
 
 import tempfile

@@ -42,8 +42,6 @@ class Bind(BindOptions):
     Several sources: run also what is finished."""
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
-    open: bool = False
-    """Show the report in the browser when the run has ended."""
 
     def run(self) -> int:
         import torch
@@ -61,8 +59,7 @@ class Bind(BindOptions):
 
     def run_one(self, job: BindJob) -> int:
         """Bind one source."""
-        from ndtorch.report.page import NAME, open_in_browser
-        from ndtorch.report.summary import in_words
+        from ndtorch.report.summary import findings
         from ndtorch.run.batch import bind_source
         from ndtorch.run.progress import progress_bar
 
@@ -76,21 +73,18 @@ class Bind(BindOptions):
                 return lambda frames: bar.update(frames)
 
             result, found, files = bind_source(job, self.out, force=self.force, begin=begin)
-        folder = files[0].parent
         if self.json:
             print(json.dumps(found, ensure_ascii=False))
         else:
-            print(in_words(result))
-            print(f"written  {folder}: {', '.join(path.name for path in files)}")
-        if self.open:
-            open_in_browser(folder / NAME)
+            print(f"{result.source.name}: {result.simulated_seconds:g} s seen in {result.wall_seconds:.1f} s\n")
+            print(*findings(result), sep="\n")
+            print(f"written  {files[0].parent}: {', '.join(path.name for path in files)}")
         if result.interrupted:
             return INTERRUPTED
         return INCOMPLETE if result.source.silent else 0
 
     def run_many(self, options: BindOptions) -> int:
         """Bind several sources."""
-        from ndtorch.report.page import open_in_browser
         from ndtorch.run.batch import INDEX, Outcome, bind_sources, expanded
         from ndtorch.run.progress import progress_bar
 
@@ -116,6 +110,4 @@ class Bind(BindOptions):
             print(json.dumps({"folder": str(folder), "sources": [asdict(one) for one in done]}, ensure_ascii=False))
         else:
             print(f"{len(done) - len(failed)} of {len(done)} sources; written  {folder / INDEX}")
-        if self.open:
-            open_in_browser(folder / INDEX)
         return INCOMPLETE if failed else 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -26,8 +25,6 @@ class Render:
     """Value of an option of the scene, as wavelength=30; any number of times."""
     force: bool = False
     """Replace the file if it exists."""
-    json: bool = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
         from ndtorch.run.folder import new_file
@@ -43,11 +40,7 @@ class Render:
                 for frame in chunk:
                     writer.write(frame)
         height, width = source.size
-        if self.json:
-            about = {"frames": source.length, "width": width, "height": height, "fps": source.fps}
-            print(json.dumps({"file": str(self.file), **about}))
-        else:
-            print(f"{self.file}: {source.length} frames, {width} x {height}, {source.fps:g} a second")
+        print(f"{self.file}: {source.length} frames, {width} x {height}, {source.fps:g} a second")
         return 0
 
 
@@ -55,14 +48,8 @@ class Render:
 class Scenes:
     """List the simulated scenes."""
 
-    json: bool = False
-    """Print them as one JSON object and nothing else."""
-
     def run(self) -> int:
         from ndtorch.scenes.named import SCENES
 
-        if self.json:
-            print(json.dumps({name: scene.description for name, scene in SCENES.items()}))
-        else:
-            print("\n".join(f"{name:22}{scene.description}" for name, scene in SCENES.items()))
+        print("\n".join(f"{name:22}{scene.description}" for name, scene in SCENES.items()))
         return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -30,14 +29,10 @@ class Tuning:
     """Folder for results; a curve gets a new folder in it."""
     force: bool = False
     """Write into the folder named after the detector even if results are there."""
-    json: bool = False
-    """Print the table as one JSON object and nothing else."""
 
     def run(self) -> int:
-        import csv
-        from importlib.util import find_spec
-
         from ndtorch.errors import InputError
+        from ndtorch.report.exports import write_table
         from ndtorch.report.plots import draw_tuning
         from ndtorch.run.folder import RunFolder
         from ndtorch.run.options import values_of
@@ -56,20 +51,13 @@ class Tuning:
         curve = tuning_curve(self.detector, over, self.discretization, **constants)
         folder, table = RunFolder(self.out / f"tuning-{self.detector}", self.force), curve.table()
         try:
-            with (folder.work / "curve.csv").open("w", encoding="utf-8", newline="") as file:
-                csv.writer(file).writerows([table, *zip(*table.values(), strict=True)])
-            if find_spec("pyarrow") is not None:
-                import pyarrow.parquet
-
-                pyarrow.parquet.write_table(pyarrow.table(table), folder.work / "curve.parquet")
+            for name in ("curve.csv", "curve.parquet"):
+                write_table(table, folder.work / name)
             draw_tuning(curve, folder.work / "curve.png")
         except BaseException:
             folder.discard()
             raise
         files = folder.publish()
-        if self.json:
-            print(json.dumps({"detector": curve.detector, **table}))
-            return 0
         best = int(curve.response.argmax())
         at = ", ".join(f"{name} {table[name][best]:g}" for name in curve.axes)
         print(f"{curve.detector}: largest response {table['response'][best]:.4g} at {at}")

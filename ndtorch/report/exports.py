@@ -9,7 +9,8 @@ from __future__ import annotations
 import csv
 import json
 import logging
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -31,9 +32,6 @@ Array = np.ndarray[Any, Any]
 def write_exports(tracks: TrackRecord, folder: Path) -> None:
     """Write the file of every format."""
     for name, write in FORMATS.items():
-        if name.endswith(".parquet") and find_spec("pyarrow") is None:
-            log.info("%s is not written: pyarrow is not installed; pip install 'ndtorch[parquet]'", name)
-            continue
         write(tracks, folder / name)
 
 
@@ -111,29 +109,34 @@ def table(tracks: TrackRecord) -> dict[str, Any]:
     return columns
 
 
-def write_csv(tracks: TrackRecord, path: Path) -> None:
-    """tracks.csv, for spreadsheets: a row a box, with four decimals."""
-    columns = table(tracks)
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        for row in zip(*(column.tolist() for column in columns.values()), strict=True):
-            writer.writerow([f"{value:.4f}" if isinstance(value, float) else value for value in row])
+def write_table(columns: Mapping[str, Sequence[Any]], path: Path, digits: str = "") -> None:
+    """Columns of one length as .csv, for spreadsheets, or .parquet with their types, for pandas, polars, R and DuckDB.
 
+    Without pyarrow there is no .parquet, and the log says so.
 
-def write_parquet(tracks: TrackRecord, path: Path) -> None:
-    """tracks.parquet, for pandas, polars, R and DuckDB: the table of tracks.csv with its types."""
-    import pyarrow
-    import pyarrow.parquet
+    Args:
+        digits: format of the floats in .csv.
+    """
+    if path.suffix == ".csv":
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(columns)
+            for row in zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True):
+                writer.writerow([format(value, digits) if isinstance(value, float) else value for value in row])
+    elif find_spec("pyarrow") is None:
+        log.info("%s is not written: pyarrow is not installed; pip install 'ndtorch[parquet]'", path.name)
+    else:
+        import pyarrow
+        import pyarrow.parquet
 
-    pyarrow.parquet.write_table(pyarrow.table(table(tracks)), path)
+        pyarrow.parquet.write_table(pyarrow.table(dict(columns)), path)
 
 
 FORMATS: dict[str, Callable[[TrackRecord, Path], None]] = {
     "coco.json": write_coco,
     "mot.txt": write_mot,
-    "tracks.csv": write_csv,
-    "tracks.parquet": write_parquet,
+    "tracks.csv": lambda tracks, path: write_table(table(tracks), path, ".4f"),
+    "tracks.parquet": lambda tracks, path: write_table(table(tracks), path),
 }
 """What writes each file; for another format add its function here."""
 
@@ -155,23 +158,21 @@ def arrow(kind: str, values: Array, valid: Array | None = None, offsets: Array |
 
 
 class ResponseFile(Watcher):
-    """responses.parquet: time, ten inputs, ten outputs and, once a chunk of frames, weights `[100]`, row after row.
+    """responses.parquet: time, ten inputs, ten outputs, objects (count, confidence and words, read once a second) and,
+    once a chunk of frames, weights `[100]`, row after row.
 
     With many receptive fields, inputs and outputs are the largest of all. It needs pyarrow.
-
-    Args:
-        model: whose objects at the end of each chunk are columns too: count, confidence and objects.
     """
 
-    def __init__(self, path: Path, model: BindingModel | None = None) -> None:
+    def __init__(self, path: Path, model: BindingModel) -> None:
         import pyarrow
         import pyarrow.parquet
 
         single, names = pyarrow.float32(), [name.replace("°", "deg") for name in FEATURES]
         fields = [(f"{kind}_{name}", single) for kind in ("input", "output") for name in names]
-        known = [("count", pyarrow.int32()), ("confidence", pyarrow.float64()), ("objects", pyarrow.string())]
-        fields += known if model is not None else []
-        self.model = model
+        fields += [("count", pyarrow.int32()), ("confidence", pyarrow.float64()), ("objects", pyarrow.string())]
+        self.model, self.read_at = model, -math.inf
+        self.found: tuple[int, float | None, bytes] = (0, None, b"")
         self.schema = pyarrow.schema([("time", pyarrow.float64()), *fields, ("weights", pyarrow.list_(single, 100))])
         self.writer = pyarrow.parquet.ParquetWriter(path, self.schema)
 
@@ -185,13 +186,17 @@ class ResponseFile(Watcher):
                 whole = each if each.ndim == 2 else each.flatten(1, -2).amax(1)
                 columns += list(whole.cpu().float().numpy().T)
             arrays = [arrow("float64", times), *(arrow("float32", values) for values in columns)]
-            if self.model is not None:
-                objects, sure = self.model.visible_objects(state), self.model.confidence(state)
-                text = "; ".join(map(words, objects)).encode()
-                arrays += [arrow("int32", np.full(steps, len(objects), np.int32))]
-                arrays += [arrow("float64", np.full(steps, sure or 0.0), np.full(steps, sure is not None))]
-                offsets = np.arange(steps + 1, dtype=np.int32) * len(text)
-                arrays += [arrow("string", np.frombuffer(text * steps, np.uint8), offsets=offsets)]
+            if times[-1] >= self.read_at + 1.0:  # it takes milliseconds
+                things = self.model.visible_objects(state)
+                self.found = len(things), self.model.confidence(state), "; ".join(map(words, things)).encode()
+                self.read_at = times[-1]
+            count, sure, text = self.found
+            offsets = np.arange(steps + 1, dtype=np.int32) * len(text)
+            arrays += [
+                arrow("int32", np.full(steps, count, np.int32)),
+                arrow("float64", np.full(steps, sure or 0.0), np.full(steps, sure is not None)),
+                arrow("string", np.frombuffer(text * steps, np.uint8), offsets=offsets),
+            ]
             matrices = np.zeros((steps, 100), np.float32)
             matrices[-1] = weights.cpu().float().flatten().numpy()
             last = np.packbits(np.arange(steps) == steps - 1, bitorder="little")

@@ -13,15 +13,17 @@ from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from ndtorch.binding import save_state
 from ndtorch.report.exports import write_exports
 from ndtorch.report.films import Film, draw_overlay
 from ndtorch.report.plots import draw_all, draw_timeline
-from ndtorch.report.summary import features_table, note_of, span, summary, verdict_words, words
+from ndtorch.report.summary import findings, summary
 from ndtorch.report.tracks import track_record
 from ndtorch.run.result import RunResult
 from ndtorch.utils.files import write_text
+from ndtorch.vision.features import FEATURES
 
 NAME = "report.html"
 KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
@@ -66,11 +68,11 @@ class Page:
     tables: Sequence[Table] = ()
     shown: Sequence[Shown] = field(default_factory=list)
 
-    def write(self, folder: Path) -> Path:
-        """Write report.html into `folder`; returns the file."""
+    def write(self, folder: Path, name: str = NAME) -> Path:
+        """Write the page into `folder`; returns the file."""
         there = [one for one in self.shown if one.file.is_file()]
         media = [{**one._asdict(), "film": one.file.suffix == ".mp4", "address": address(one.file)} for one in there]
-        path = folder / NAME
+        path = folder / name
         write_text(path, render("run.html", **{**vars(self), "media": media}))
         return path
 
@@ -92,6 +94,13 @@ def address(file: Path) -> str:
     return f"data:{KINDS[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode()}"
 
 
+def link(address: str, text: str) -> str:
+    """A link in a cell of a table."""
+    from markupsafe import Markup
+
+    return Markup('<a href="{}">{}</a>').format(quote(address), text)
+
+
 def versions(*distributions: str) -> dict[str, str]:
     """Python, the processor and the versions of what was used, as facts of a page."""
     used = {}
@@ -107,13 +116,6 @@ def command_line() -> str:
     """The command that this process was started with, to run it again."""
     name = Path(sys.argv[0]).name
     return shlex.join(["ndtorch" if name in ("__main__.py", "ndtorch") else name, *sys.argv[1:]])
-
-
-def open_in_browser(page: Path) -> None:
-    """Show a page in the browser of this machine; where there is none, nothing happens."""
-    import webbrowser
-
-    webbrowser.open(page.resolve().as_uri())
 
 
 SHOWN = (
@@ -135,17 +137,6 @@ SHOWN = (
 
 def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
     """Write report.html about a run whose other files are in `folder`."""
-    count = len(result.objects)
-    answer = [f"{count} object{'s' * (count != 1)} found." if count else "No objects found."]
-    answer += [
-        f"Object {thing.number}: {span(thing).strip()} {words(thing)}.".replace("  ", " ") for thing in result.objects
-    ]
-    if not result.model.tracks:
-        answer.append(f"Verdict: {verdict_words(result)}.")
-    elif note := note_of(result):
-        answer.append(f"{note[0].upper()}{note[1:]}.")
-    if result.interrupted:
-        answer.append("The run was stopped early; this is what was found so far.")
     height, width = result.source.size
     facts = {
         "source": result.source.name,
@@ -154,14 +145,17 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
         "time taken": f"{result.wall_seconds:.1f} s",
         **versions(),
     }
-    heads, rows = features_table(result.objects)
-    rows = [[str(thing.number), *row] for thing, row in zip(result.objects, rows, strict=True)]
+    rows = []
+    for thing in result.objects:
+        cells = [f"{thing.features[name]:.2f}" if name in thing.features else "" for name in FEATURES]
+        who = thing.neuron if thing.first_seen is None else thing.color
+        rows.append([str(thing.number), who, *cells, "" if thing.confidence is None else f"{thing.confidence:.2f}"])
+    heads = ("object", "neuron or color", *FEATURES, "confidence")
     remark = "Shares of the strongest; an empty cell: none of it."
-    tables = [Table("Features of every object", ["object", *heads], rows, remark)] if count else []
+    tables = [Table("Features of every object", heads, rows, remark)] if rows else []
     shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN]
-    return Page(f"{result.source.name}: what moves together", answer, command_line(), facts, tables, shown).write(
-        folder
-    )
+    title = f"{result.source.name}: what moves together"
+    return Page(title, findings(result), command_line(), facts, tables, shown).write(folder)
 
 
 def folder_name(name: str) -> str:

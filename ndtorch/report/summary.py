@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -10,12 +9,11 @@ import torch
 from ndtorch.binding import BoundObject, describe, spectral_radius
 from ndtorch.report.tracks import TrackRecord
 from ndtorch.run.result import RunResult
-from ndtorch.vision import FEATURES
 
 VERDICTS = {
     "stable": "stable: the weights have settled, which does not say that the objects are right",
     "learning": "learning: the weights have not settled (yet); take the table as provisional",
-    "alternating": "alternating: the outputs flip sign from step to step, so the weights mean nothing; lower --gamma",
+    "alternating": "alternating: the outputs flip sign from step to step, so the weights mean nothing; lower gamma",
     "static": "static: nothing fluctuates enough to bind features by",
 }
 
@@ -71,51 +69,32 @@ def as_data(thing: BoundObject, tracks: TrackRecord | None) -> dict[str, Any]:
     }
 
 
-def in_words(result: RunResult) -> str:
-    """The objects and the verdict, as text for people."""
-    lines = [f"{result.source.name}: {result.simulated_seconds:g} s seen in {result.wall_seconds:.1f} s", ""]
-    lines += [f"object {thing.number}: {span(thing)}{words(thing)}" for thing in result.objects]
-    if not result.objects:
-        lines.append("no objects")
+def findings(result: RunResult) -> list[str]:
+    """The objects and what they are worth as text for people, a line each."""
+    lines = []
+    for thing in result.objects:
+        known = thing.first_seen is not None and thing.last_seen is not None
+        seen = f"{thing.first_seen:5.1f} - {thing.last_seen:5.1f} s  " if known else ""
+        lines.append(f"object {thing.number}: {seen}{words(thing)}")
+    states = [state for thing in result.objects for state in thing.states]
+    merged = states.count("predicted") / max(1, len(states))
     if not result.model.tracks:
-        heads, rows = features_table(result.objects)
-        if rows:
-            lines += [
-                "",
-                heads[0].ljust(8) + "".join(f"{head:>12}" if head[0] == "c" else f"{head:>7}" for head in heads[1:]),
-            ]
-            lines += [row[0].ljust(8) + "".join(f"{cell or '.':>7}" for cell in row[1:]) for row in rows]
-        lines += ["", f"verdict  {verdict_words(result)}"]
-    elif note := note_of(result):
-        lines.append(f"note: {note}")
+        verdict = VERDICTS[result.verdict]
+        if result.verdict == "learning" and not result.objects:
+            verdict = "learning: no weight has grown far enough yet to make a table of"
+        elif result.confidence is not None and result.verdict in ("stable", "learning"):
+            sure = f"the number of objects is right with a probability of {result.confidence:.2f}"
+            verdict = f"{result.verdict}: {sure}"
+        lines.append(f"verdict  {verdict}")
+    elif not result.objects:
+        lines.append(f"note: {NOTHING_MOVED}")
+    elif merged >= MIN_MERGED:
+        shared = f"objects overlap in {merged:.0%} of their rows (state predicted)"
+        lines.append(f"note: {shared}; those that are never apart are one object")
     lines += [f"new scene at {time:.1f} s" for time in result.cuts]
     if result.interrupted:
         lines.append(f"stopped early, after {result.simulated_seconds:g} s; what was computed so far is kept")
-    return "\n".join(lines)
-
-
-def note_of(result: RunResult) -> str:
-    """What to know of the tracks of a run before they are used; empty if nothing."""
-    states = [state for thing in result.objects for state in thing.states]
-    merged = states.count("predicted") / max(1, len(states))
-    if merged < MIN_MERGED:
-        return "" if result.objects else NOTHING_MOVED
-    return f"objects overlap in {merged:.0%} of their rows (state predicted); those that are never apart are one object"
-
-
-def verdict_words(result: RunResult) -> str:
-    """What the objects are worth."""
-    if result.verdict == "learning" and not result.objects:
-        return "learning: no weight has grown far enough yet to make a table of"
-    if result.confidence is not None and result.verdict in ("stable", "learning"):
-        return f"{result.verdict}: the number of objects is right with a probability of {result.confidence:.2f}"
-    return VERDICTS[result.verdict]
-
-
-def span(thing: BoundObject) -> str:
-    """When an object was in sight; nothing where no time is known."""
-    known = thing.first_seen is not None and thing.last_seen is not None
-    return f"{thing.first_seen:5.1f} - {thing.last_seen:5.1f} s  " if known else ""
+    return lines if result.objects else ["no objects", *lines]
 
 
 def words(thing: BoundObject) -> str:
@@ -123,17 +102,3 @@ def words(thing: BoundObject) -> str:
     if thing.first_seen is None:
         return describe(thing)
     return f"{thing.color}, moving {thing.direction}" if thing.direction else thing.color
-
-
-def features_table(things: Sequence[BoundObject]) -> tuple[list[str], list[list[str]]]:
-    """Heads and rows of a table: a row an object, a column a feature, empty where it has none of it."""
-    sure = bool(things) and all(thing.confidence is not None for thing in things)
-    first = "neuron" if not things or things[0].first_seen is None else "color"
-    heads = [first, *FEATURES, *["confidence"] * sure]
-    rows = []
-    for thing in things:
-        cells = [f"{thing.features[name]:.2f}" if name in thing.features else "" for name in FEATURES]
-        rows.append(
-            [thing.neuron if first == "neuron" else thing.color, *cells, *[f"{thing.confidence or 0:.2f}"] * sure]
-        )
-    return heads, rows

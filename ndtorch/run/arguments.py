@@ -23,7 +23,7 @@ METAVARS = {
     "sources": "SOURCE",
     "config": "CONFIG",
     **dict.fromkeys(("out", "resume", "folder", "save_map"), "DIR"),
-    **dict.fromkeys(("seconds", "settle", "start_seconds"), "SECONDS"),
+    **dict.fromkeys(("seconds", "start_seconds"), "SECONDS"),
 }
 """How options of these names are shown in the help; others by their type."""
 
@@ -39,7 +39,7 @@ REWORDED = (
 RANGES = {
     **dict.fromkeys(("seed", "start", "stop", "frames"), (0, 2**31 - 1)),
     **dict.fromkeys(("scenes", "workers", "trials", "clips", "every"), (1, 10**6)),
-    **dict.fromkeys(("seconds", "settle"), (0, 1e7)),
+    "seconds": (0, 1e7),
     **dict.fromkeys(("fps", "rate"), (0, 1e5)),
     "pictures": (0, 1000),
 }

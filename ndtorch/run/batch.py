@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ndtorch.errors import InputError
-from ndtorch.run.folder import UNFINISHED, RunFolder, make_writable
+from ndtorch.run.folder import RunFolder, make_writable
 from ndtorch.run.options import BindJob, BindOptions, given
 from ndtorch.run.result import RunResult, Watcher
 from ndtorch.scenes.named import SCENES
@@ -30,7 +30,6 @@ def bind_source(
     name: str | None = None,
     *,
     force: bool = False,
-    tabled: bool = False,
     begin: Callable[[str, int | None], Callable[[int], object]] | None = None,
 ) -> tuple[RunResult, dict[str, Any], list[Path]]:
     """Run a model over a source and write everything into a folder, or nothing if it fails.
@@ -38,13 +37,11 @@ def bind_source(
     Args:
         out, name: the run gets a folder of that name in `out`; without a name, named after its source.
         force: replace files that are there; else the folder gets a number.
-        tabled: write responses.parquet of every model, with its objects over time.
         begin: called with the model in words and the number of frames; returns what is called for each chunk.
 
     Returns:
         The result, the contents of objects.json, and the files.
     """
-    from ndtorch.binding.models.whole_field import WholeFieldModel
     from ndtorch.report.exports import ResponseFile
     from ndtorch.report.films import EnhancedVideo, Film
     from ndtorch.report.page import folder_name, write_result
@@ -57,8 +54,8 @@ def bind_source(
     work, film = folder.work, None
     watchers: list[Watcher] = []
     try:
-        if tabled or (isinstance(model, WholeFieldModel) and find_spec("pyarrow") is not None):
-            watchers.append(ResponseFile(work / RESPONSES, model if tabled else None))
+        if find_spec("pyarrow") is not None:
+            watchers.append(ResponseFile(work / RESPONSES, model))
         interval = picture_interval(model, source, job.pictures)
         if interval:
             rate = source.fps / interval
@@ -68,8 +65,8 @@ def bind_source(
         lengths = [source.length and source.length - prepared.start, prepared.most]
         total = min((one for one in lengths if one is not None), default=None)
         report = begin and begin(prepared.chosen, total)
-        run = (model, source, prepared.state, prepared.start, job.pictures, watchers, report, job.device, prepared.most)
-        result = run_model(*run)
+        begun = (prepared.state, prepared.start, job.pictures)
+        result = run_model(model, source, *begun, watchers, report, job.device, prepared.most)
         for watcher in watchers:
             watcher.close()
         found = write_result(result, prepared.about, work, prepared.chosen, film)
@@ -97,7 +94,7 @@ class Outcome:
     folder: str = ""
     error: str = ""
     model: str = ""
-    objects: tuple[str, ...] = ()
+    objects: Sequence[str] = ()
     verdict: str = ""
     confidence: float | None = None
     seconds: float = 0.0
@@ -108,18 +105,13 @@ def expanded(sources: Iterable[str]) -> list[str]:
     """Sources, each once; a folder without images of its own stands for the films and folders of images in it."""
 
     def has_images(folder: Path) -> bool:
-        return any(path.suffix.lower() in IMAGE_SUFFIXES for path in visible(folder))
-
-    def visible(folder: Path) -> list[Path]:
-        return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+        return folder.is_dir() and any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.glob("[!.]*"))
 
     every = dict[str, None]()
     for source in sources:
         folder = Path(source)
-        inner = visible(folder) if source not in SCENES and folder.is_dir() and not has_images(folder) else []
-        films = [
-            str(path) for path in inner if path.suffix.lower() in VIDEO_SUFFIXES or (path.is_dir() and has_images(path))
-        ]
+        inner = [] if source in SCENES or has_images(folder) else sorted(folder.glob("[!.]*"))
+        films = [str(path) for path in inner if path.suffix.lower() in VIDEO_SUFFIXES or has_images(path)]
         every |= dict.fromkeys(films or [source])
     return list(every)
 
@@ -162,14 +154,12 @@ def bind_sources(
     if options.resume is not None:
         raise InputError("--resume continues a run of one source; of several, repeat the command")
     make_writable(folder)
-    outcomes, tasks, used = dict[str, Outcome](), list[Task](), set[Path]()
+    earlier, outcomes, tasks = finished(folder), dict[str, Outcome](), list[Task]()
     for name in names:
-        job = BindJob(**vars(options), source=name)
-        key = json.dumps({**given(job, *asdict(job)), "file": stamp(name)}, default=str)
-        own, kept = own_folder(folder, name, key, used, again)
-        used.add(own)
-        if kept is None:
-            tasks.append(Task(job, own, key))
+        task = Task(job := BindJob(**vars(options), source=name), folder, key_of(job))
+        kept = earlier.get(task.key)
+        if kept is None or again:
+            tasks.append(task._replace(into=kept.folder if kept else None))
         else:
             outcomes[name] = kept
     try:
@@ -185,11 +175,30 @@ def bind_sources(
 
 
 class Task(NamedTuple):
-    """A run, its folder, and what tells it from others."""
+    """A run, the folder of all, what tells it from others, and the name of its own folder if it is run again."""
 
     job: BindJob
     folder: Path
     key: str
+    into: str | None = None
+
+
+def key_of(job: BindJob) -> str:
+    """What tells a run from others: its options, and the state of its file, another one of which is another source."""
+    path = Path(job.source)
+    file = path.stat() if job.source not in SCENES and path.exists() else None
+    stamp = [] if file is None else [file.st_size, file.st_mtime_ns]
+    return json.dumps({**given(job, *asdict(job)), "file": stamp}, default=str)
+
+
+def finished(folder: Path) -> dict[str, Outcome]:
+    """The outcomes of earlier runs, by what tells each from others."""
+    found = {}
+    for path in folder.glob(f"*/{OUTCOME}"):
+        with contextlib.suppress(OSError, TypeError, ValueError, LookupError):
+            kept = json.loads(read_text(path))
+            found[kept["key"]] = Outcome(**kept["outcome"])
+    return found
 
 
 def run_each(tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
@@ -209,51 +218,27 @@ def run_one(task: Task) -> Outcome:
     from ndtorch.report.summary import words
 
     torch.set_num_threads(1)
-    job, folder, key = task
+    source = task.job.source
     try:
-        result, _, _ = bind_source(job, folder.parent, folder.name, tabled=True)
+        result, _, files = bind_source(task.job, task.folder, task.into, force=task.into is not None)
     except Exception as error:  # a fault in one source is no reason to lose the others
         text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-        return Outcome(job.source, error=text)
+        return Outcome(source, error=text)
+    own = files[0].parent
     if result.interrupted:
-        shutil.rmtree(folder)
+        shutil.rmtree(own)
         raise KeyboardInterrupt
-    objects = tuple(map(words, result.objects))
+    objects = list(map(words, result.objects))
     state = (result.verdict, result.confidence, result.simulated_seconds, result.wall_seconds)
-    outcome = Outcome(job.source, folder.name, "", result.model.name, objects, *state)
-    write_text(folder / OUTCOME, json.dumps({"key": key, "outcome": asdict(outcome)}))
+    outcome = Outcome(source, own.name, "", result.model.name, objects, *state)
+    write_text(own / OUTCOME, json.dumps({"key": task.key, "outcome": asdict(outcome)}))
     return outcome
-
-
-def stamp(source: str) -> list[int]:
-    """Size and time of change of a file or folder: another file of the same name is another source."""
-    path = Path(source)
-    state = path.stat() if source not in SCENES and path.exists() else None
-    return [] if state is None else [state.st_size, state.st_mtime_ns]
-
-
-def own_folder(folder: Path, source: str, key: str, used: set[Path], again: bool) -> tuple[Path, Outcome | None]:
-    """The folder of a run and its outcome if it has finished; else a new one. What a stopped run left is cleared."""
-    from ndtorch.report.page import folder_name
-
-    stem = folder_name(source if source in SCENES or "://" in source else Path(source).stem)
-    for name in itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2))):
-        own, kept = folder / name, dict[str, Any]()
-        with contextlib.suppress(OSError, ValueError):
-            kept = json.loads(read_text(own / OUTCOME))
-        finished, there = kept.get("key") == key, [path.name for path in own.iterdir()] if own.is_dir() else []
-        if own in used or not (finished or set(there) <= {UNFINISHED}):
-            continue
-        if finished and not again:
-            return own, Outcome(**kept["outcome"] | {"objects": tuple(kept["outcome"]["objects"])})
-        shutil.rmtree(own, ignore_errors=True)
-        return own, None
-    raise AssertionError("there is always one more number")
 
 
 def write_tables(outcomes: Sequence[Outcome], folder: Path, weights: bool) -> None:
     """responses.parquet and responses.csv: the rows of every run below one another, with their source."""
     import pyarrow
+    import pyarrow.compute
     import pyarrow.csv
     import pyarrow.parquet
 
@@ -261,40 +246,31 @@ def write_tables(outcomes: Sequence[Outcome], folder: Path, weights: bool) -> No
 
     names = [name.replace("°", "deg") for name in FEATURES]
     pairs = [f"weight_{name}_from_{other}" for name in names for other in names]
-    writers: list[Any] = []
-    with replacing(folder / RESPONSES) as table_part, replacing(folder / "responses.csv") as csv_part:
-        for one in outcomes:
-            table = pyarrow.parquet.read_table(folder / one.folder / RESPONSES)
-            rows = table.column("weights").to_pylist() if weights else []
-            table = table.drop_columns(["weights"])
-            table = table.add_column(0, "source", pyarrow.array([one.source] * len(table), pyarrow.string()))
-            for k, name in enumerate(pairs if weights else ()):
-                column = pyarrow.array([None if row is None else row[k] for row in rows], pyarrow.float32())
-                table = table.append_column(name, column)
-            if not writers:
-                writers = [
-                    pyarrow.parquet.ParquetWriter(table_part, table.schema),
-                    pyarrow.csv.CSVWriter(csv_part, table.schema),
-                ]
-            for writer in writers:
-                writer.write_table(table)
-        for writer in writers:
-            writer.close()
-        if not writers:
-            table_part.touch()
-            csv_part.touch()
+    tables = []
+    for one in outcomes:
+        table = pyarrow.parquet.read_table(folder / one.folder / RESPONSES)
+        table = table.add_column(0, "source", pyarrow.array([one.source] * len(table), pyarrow.string()))
+        for k, name in enumerate(pairs if weights else ()):
+            table = table.append_column(name, pyarrow.compute.list_element(table["weights"], k))
+        tables.append(table.drop_columns(["weights"]))
+    if tables:
+        whole = pyarrow.concat_tables(tables)
+        with replacing(folder / RESPONSES) as table_part, replacing(folder / "responses.csv") as csv_part:
+            pyarrow.parquet.write_table(whole, table_part)
+            pyarrow.csv.write_csv(whole, csv_part)
 
 
 def write_index(outcomes: Sequence[Outcome], sources: int, folder: Path) -> None:
     """index.html: a row a source, with a link to its report."""
-    from ndtorch.report.page import command_line, render, versions
+    from ndtorch.report.page import NAME, Page, Table, command_line, link, versions
 
-    done = sum(not one.error for one in outcomes)
-    page = render(
-        "index.html",
-        title=f"{done} of {sources} sources",
-        outcomes=outcomes,
-        command=command_line(),
-        facts=versions(),
-    )
-    write_text(folder / INDEX, page)
+    rows = []
+    for one in outcomes:
+        sure = "" if one.confidence is None else f"{one.confidence:.2f}"
+        cells = [str(len(one.objects)), "; ".join(one.objects), one.verdict, sure, f"{one.seconds:.1f} s"]
+        found = [link(f"{one.folder}/{NAME}", one.source), one.model, *cells, f"{one.wall_seconds:.1f} s"]
+        rows.append([one.source, "left out", "", one.error, *[""] * 4] if one.error else found)
+    heads = ("source", "model", "objects", "", "verdict", "confidence", "length", "time taken")
+    title = f"{sum(not one.error for one in outcomes)} of {sources} sources"
+    answer = [f"Time courses of all: {RESPONSES}, responses.csv."]
+    Page(title, answer, command_line(), versions(), [Table("Sources", heads, rows)]).write(folder, INDEX)

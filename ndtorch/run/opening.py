@@ -19,11 +19,9 @@ from ndtorch.run.options import (
     CAMERA_SECONDS,
     DEFAULT_SOURCE,
     FIXED,
-    MODEL_OPTIONS,
     OWN,
     BindJob,
     default_model,
-    flag,
     given,
     values_of,
 )
@@ -80,7 +78,7 @@ def prepare(job: BindJob) -> Prepared:
     kept = KeptRun() if job.resume is None else resumed(job.resume, job)
     chosen = "default for " + ("scenes" if job.source in SCENES else "files and cameras") if job.model is None else ""
     if job.resume is not None:
-        job = dataclasses.replace(kept, **given(job, *OWN))
+        job = dataclasses.replace(kept, **given(job, *OWN), set=kept.set + job.set)
         chosen = "that of the run that goes on"
     model_name = job.model or default_model(job.source)
     kind = model_kind(model_name)
@@ -88,23 +86,20 @@ def prepare(job: BindJob) -> Prepared:
         raise InputError(f"device must be cpu with the model {kind}, which is quickest there; got {job.device}")
     if kind in CAMERA_MODELS and job.fit is not None:
         raise InputError(f"--fit is no option of {kind}, which takes the whole picture")
-    live = is_live(job.source)
-    seconds = job.seconds
+    options = {} if kind in CAMERA_MODELS else {"border": "wrap" if job.source in SCENES else "reflect"}
+    options |= values_of(job.set)
+    of_scene = {key.removeprefix(SCENE): options.pop(key) for key in list(options) if key.startswith(SCENE)}
+    if of_scene and job.source not in SCENES:
+        raise InputError(f"--set {SCENE}... is an option of simulated scenes, and {job.source} is none")
+    if not_set := options.keys() & {"size", "fps", "model", "backend", "first_stage"}:
+        raise InputError(f"--set has keys of config.toml but model, size and fps; got {not_set.pop()}")
+    live, seconds = is_live(job.source), job.seconds
     if job.source in SCENES:
-        source = open_scene(job, kept.frames)
+        source = open_scene(job, kept.frames, of_scene)
         seconds = None
     else:
         source = open_place(job, kept, CAMERA_MODELS.get(kind))
         seconds = CAMERA_SECONDS if seconds is None and live and job.stop is None else seconds
-    options = given(job, *MODEL_OPTIONS)
-    if kind not in CAMERA_MODELS:
-        options["border"] = "wrap" if job.source in SCENES else "reflect"
-    own = {key: value for key, value in values_of(job.set).items() if not key.startswith(SCENE)}
-    if job.source not in SCENES and len(own) < len(job.set):
-        raise InputError(f"--set {SCENE}... is an option of simulated scenes, and {job.source} is none")
-    if not_set := own.keys() & {"size", "fps", "model", "backend", "first_stage"}:
-        raise InputError(f"--set has keys of config.toml but model, size and fps; got {not_set.pop()}")
-    options |= own
     model = load(model_name, size=source.size, fps=source.fps, **options).to(device)
     state = None
     if kept.resume is not None:
@@ -114,8 +109,8 @@ def prepare(job: BindJob) -> Prepared:
         # The sum of the file says that it is whole, not that it tells the truth.
         if taken is not None and taken != kept.frames:
             raise InputError(f"{path} says that it ended at frame {kept.frames}, and its state has seen {taken}")
-    fixed = (*FIXED, *MODEL_OPTIONS)
-    about = {"source": job.source, "model": model_name, "frames": kept.frames, "rate": source.fps, **given(job, *fixed)}
+    said = given(job, *FIXED, "set")
+    about = {"source": job.source, "model": model_name, "frames": kept.frames, "rate": source.fps, **said}
     name = " ".join([model_name, *[f"({words})" for words in (kind, chosen) if words and words != model_name]])
     if model.group > 1:
         name += f", {model.group} of {source.fps:g} frames/s averaged"
@@ -132,7 +127,7 @@ def resumed(folder: Path, job: BindJob) -> KeptRun:
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise InputError(str(error) if isinstance(error, InputError) else wrong) from None
     for name in given(job, *FIXED):
-        raise InputError(f"{flag(name)} cannot change when a run is resumed; leave it out")
+        raise InputError(f"--{name} cannot change when a run is resumed; leave it out")
     if job.model not in (None, kept.model):
         raise InputError(f"{folder} is a run of the model {kept.model}, and cannot go on with {job.model}")
     if job.source not in (DEFAULT_SOURCE, kept.source):
@@ -140,24 +135,19 @@ def resumed(folder: Path, job: BindJob) -> KeptRun:
     return dataclasses.replace(kept, resume=folder)
 
 
-def open_scene(job: BindJob, frames: int) -> FrameSource:
+def open_scene(job: BindJob, frames: int, options: dict[str, Any]) -> FrameSource:
     """A simulated scene that goes on as long as the job wants after so many frames."""
     if job.start is not None or job.stop is not None:
         raise InputError("start and stop are frame numbers of videos; a scene has --seconds")
     if job.fit is not None:
         raise InputError("--fit is for the frames of videos; a scene has the size that is wanted")
     seconds = frames / (job.fps or 100.0) + (SECONDS if job.seconds is None else job.seconds)
-    values = values_of(job.set).items()
-    scene_values = {key.removeprefix(SCENE): value for key, value in values if key.startswith(SCENE)}
-    options = {"seconds": seconds, **given(job, "phase", "seed", "fps"), **scene_values}
-    return make_scene(job.source, **options)
+    return make_scene(job.source, **{"seconds": seconds, **given(job, "fps"), **options})
 
 
 def open_place(job: BindJob, kept: KeptRun, rows: int | None) -> FrameSource:
     """A file, folder, camera or stream; with `rows`, whole pictures of that height."""
     name = job.source
-    for key in given(job, "phase", "seed"):
-        raise InputError(f"{key} is an option of simulated scenes, and {name} is none")
     live, path = is_live(name), Path(name)
     if not live and not path.exists():
         beside = [str(path.with_name(other.name)) for other in path.parent.iterdir()] if path.parent.is_dir() else []

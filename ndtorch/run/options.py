@@ -26,21 +26,9 @@ class BindOptions:
     for files, folders, cameras and streams)."""
     seconds: float | None = None
     """Length to take of a scene (default 19) or of a video (default all), s."""
-    phase: float | None = None
-    """Scenes: lead of the green bar's brightness over the red bar's, degrees (default 290)."""
-    gamma: float | None = None
-    """Learning rate, 1/s (default 0.5 for published, 0.2 for scale-free)."""
-    rule: Literal["competitive", "cooperative", "hebbian"] | None = None
-    """Learning rule of published: competitive (default), cooperative or hebbian."""
-    order: Literal["filter-first", "printed"] | None = None
-    """High-pass of published: before group normalisation (filter-first, default) or after it (printed)."""
-    settle: float | None = None
-    """Time before learning starts, s (default 4 for published, 0.5 for scale-free)."""
     set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """Value of a key of the model's config.toml, as network.gamma=0.3, or of a scene, as scene.wavelength=30; any
-    number of times."""
-    seed: int | None = None
-    """Scenes: seed of the random shadow."""
+    """Value of a key of the model's config.toml, as gamma=0.3 or network.gamma=0.3, or of a scene, as scene.phase=60;
+    any number of times."""
     fps: float | None = None
     """Frame rate of a scene (default 100) or of a video that declares a wrong one, Hz."""
     start: int | None = None
@@ -67,24 +55,16 @@ class BindJob(BindOptions):
     """Scene, file, folder, camera or address."""
 
 
-MODEL_OPTIONS = ("rule", "order", "gamma", "settle")
-"""Options that go into the model's own constants."""
-
-FIXED = ("phase", "order", "settle", "set", "seed", "fps", "start", "every", "fit")
+FIXED = ("fps", "start", "every", "fit")
 """Options that cannot change when a run is resumed."""
 
-OWN = ("seconds", "stop", "device", "pictures", "gamma", "rule", "resume")
+OWN = ("seconds", "stop", "device", "pictures", "resume")
 """Options that a resumed run takes from its own command line."""
 
 
 def given(job: BindOptions, *names: str) -> dict[str, Any]:
     """Those of the options that were given."""
     return {name: value for name in names if (value := getattr(job, name)) not in (None, ())}
-
-
-def flag(name: str) -> str:
-    """An option as it is written on the command line."""
-    return "--" + name.replace("_", "-")
 
 
 def default_model(source: str) -> str:

@@ -21,7 +21,7 @@ from ndtorch.report.exports import STATES, ResponseFile
 from ndtorch.report.films import EnhancedVideo, rgb
 from ndtorch.report.page import Page, Shown, Table
 from ndtorch.report.plots import draw_all
-from ndtorch.report.summary import in_words, summary
+from ndtorch.report.summary import findings, summary
 from ndtorch.run.result import MaskStore, Moment, Picture, RunResult, Trace
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.foreground.passing_scenes import ground
@@ -60,17 +60,15 @@ def test_a_page_is_one_file_and_fetches_nothing(tmp_path: Path) -> None:
 
 def test_owners_in_words_and_as_data() -> None:
     result = run_of(owners())
-    text = in_words(result)
-    assert "object 1: red, moving right and down, orientation between 0° and 120°" in text
-    assert "red           .   1.00   0.75" in text
+    assert findings(result)[0] == "object 1: red, moving right and down, orientation between 0° and 120°"
     assert summary(result)["objects"] == [{"neuron": "red", "features": result.objects[0].features}]
 
 
 @pytest.mark.parametrize("verdict", ["learning", "static", "alternating"])
 def test_nothing_found_has_a_reason(verdict: Verdict) -> None:
-    assert "no objects" in in_words(run_of([], verdict))
-    assert f"verdict  {verdict}: " in in_words(run_of([], verdict))
-    assert "must stand still" in in_words(run_of([], verdict, tracks=True))
+    assert findings(run_of([], verdict))[0] == "no objects"
+    assert findings(run_of([], verdict))[1].startswith(f"verdict  {verdict}: ")
+    assert "must stand still" in findings(run_of([], verdict, tracks=True))[1]
 
 
 def test_figures_are_drawn_of_a_long_run_a_short_one_and_an_empty_one(tmp_path: Path) -> None:
@@ -280,11 +278,21 @@ def test_masks_come_back_as_they_were() -> None:
 
 def test_responses_are_a_table(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    file = ResponseFile(tmp_path / "responses.parquet")
-    for n in range(2):
-        file.signals(Signals(float(n)), torch.full((10, 10), n / 2), None)
+    read = list[Any]()
+
+    def visible(state: Any) -> list[BoundObject]:
+        read.append(state)
+        return owners()[: len(read) - 1]
+
+    model: Any = SimpleNamespace(visible_objects=visible, confidence=lambda state: None)
+    file = ResponseFile(tmp_path / "responses.parquet", model)
+    for n in range(3):
+        file.signals(Signals(0.75 * n), torch.full((10, 10), n / 2), n)
     file.close()
     table = parquet.read_table(tmp_path / "responses.parquet").to_pydict()
-    assert table["time"] == [0, 0.25, 0.5, 1, 1.25, 1.5]
-    assert table["output_red"] == [7, 17, 27, 8, 18, 28]
-    assert [row and row[0] for row in table["weights"]] == [None, None, 0, None, None, 0.5]
+    assert table["time"] == [0, 0.25, 0.5, 0.75, 1, 1.25, 1.5, 1.75, 2]
+    assert table["output_red"] == [7, 17, 27, 7.75, 17.75, 27.75, 8.5, 18.5, 28.5]
+    assert [row and row[0] for row in table["weights"]] == [None, None, 0, None, None, 0.5, None, None, 1]
+    # The objects are read once a second.
+    assert table["count"] == [0] * 6 + [1] * 3
+    assert table["objects"][-1].startswith("red")

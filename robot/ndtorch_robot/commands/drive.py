@@ -36,15 +36,12 @@ class DriveArena(DriveConfig):
     """TOML file whose keys are the options below."""
     force: bool = False
     """Write into that folder even if results are there."""
-    open: bool = False
-    """Open report.html in the browser at the end."""
     json: bool = False
     """Print the summary as one JSON object, and nothing else."""
 
     def run(self) -> int:
         import torch
 
-        from ndtorch.report.page import NAME, open_in_browser
         from ndtorch.report.recording import why_not_whole
         from ndtorch.run.folder import RunFolder, new_file
         from ndtorch.run.progress import progress_bar
@@ -72,8 +69,6 @@ class DriveArena(DriveConfig):
         else:
             print(describe(result))
             print(f"  written to {folder.final}: {' '.join(file.name for file in files)}")
-        if self.open:
-            open_in_browser(folder.final / NAME)
         troubles = [(result.summary["recording"] or {}).get("failed"), self.rrd and why_not_whole(self.rrd)]
         for line in filter(None, troubles):
             print(f"error: {line}", file=sys.stderr)

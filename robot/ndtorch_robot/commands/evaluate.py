@@ -45,8 +45,6 @@ class Evaluate(DriveConfig):
     """Folder of the results."""
     json: bool = False
     """Print the rows of the table as JSON."""
-    open: bool = False
-    """Show report.html in the browser when it is written."""
     arena: Annotated[str, tyro.conf.Suppress] = ""
     seed: Annotated[int, tyro.conf.Suppress] = 0
     controller: Annotated[str, tyro.conf.Suppress] = "ranging"
@@ -56,7 +54,7 @@ class Evaluate(DriveConfig):
     view: Annotated[str, tyro.conf.Suppress] = ""
 
     def run(self) -> int:
-        from ndtorch.report.page import NAME, Page, Table, command_line, open_in_browser, versions
+        from ndtorch.report.page import Page, Table, command_line, versions
         from ndtorch.utils.files import write_text
         from ndtorch_robot.evaluation.drives import drive_many, drive_once, key_of
         from ndtorch_robot.evaluation.table import markdown, table_of, text_cells
@@ -79,8 +77,6 @@ class Evaluate(DriveConfig):
         Page("Many drives", answer, command_line(), versions("ndtorch-robot"), tables).write(self.out)
         written = f"written to {self.out}: table.md drives.jsonl report.html"
         print(table.to_json(orient="records") if self.json else f"{text}\n{written}")
-        if self.open:
-            open_in_browser(self.out / NAME)
         return exit_code
 
     def drives(self) -> dict[str, DriveConfig]:

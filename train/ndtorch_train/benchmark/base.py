@@ -154,14 +154,10 @@ class BenchmarkResult(NamedTuple):
     folder: Path
     failed: dict[str, str]
 
-    def report(self, as_json: bool, show: bool) -> int:
+    def report(self, as_json: bool) -> int:
         """Print; returns the exit code."""
-        from ndtorch.report.page import NAME, open_in_browser
-
         files = ", ".join(sorted(file.name for file in self.folder.iterdir()))
         print(json.dumps(self.rows) if as_json else f"{self.text}\n\nwritten  {self.folder}: {files}")
-        if show:
-            open_in_browser(self.folder / NAME)
         for key, why in self.failed.items():
             print(f"error: {key} failed: {why}", file=sys.stderr)
         return 1 if self.failed else 0

@@ -28,8 +28,6 @@ class Options:
     """Run every task anew."""
     json: bool = False
     """Print the rows of the table as JSON and nothing else."""
-    open: bool = False
-    """Show report.html in the browser when it is written."""
 
     def benchmark(self) -> Benchmark:
         """What is to be measured, its options checked."""
@@ -38,7 +36,7 @@ class Options:
     def run(self) -> int:
         """Measure and write; returns the exit code."""
         made = self.benchmark()
-        return self.measure(made, self.out or Path("out/benchmark") / made.name).report(self.json, self.open)
+        return self.measure(made, self.out or Path("out/benchmark") / made.name).report(self.json)
 
     def measure(self, made: Benchmark, out: Path) -> BenchmarkResult:
         """Run a benchmark; each task that is done is printed."""

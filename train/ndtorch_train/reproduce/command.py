@@ -67,7 +67,7 @@ class Reproduce(Options):
         tally = f"Of {len(verdicts)} claims {', '.join(f'{n} {verdict}' for verdict, n in counts.items() if n)}."
         if self.table is not None:
             put_table(self.table, f"{tally} {result.text}\n")
-        return result._replace(text=f"{result.text}\n\n{tally}").report(self.json, self.open)
+        return result._replace(text=f"{result.text}\n\n{tally}").report(self.json)
 
 
 def measure(name: str, quick: bool, folder: Path) -> list[Row]:
