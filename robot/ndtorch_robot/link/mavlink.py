@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import threading
@@ -83,6 +84,8 @@ class MavlinkDrive(Drive):
             raise InputError(f"{settings.device}: cannot be opened ({error})") from None
         self.latest: dict[str, tuple[float, Any]] = {}
         self.lock, self.closing, self.heard = threading.RLock(), threading.Event(), threading.Event()
+        # Receiving by UDP changes the set of addresses that sending walks; by TCP it may wait for a new connection.
+        self.receiving = self.lock if settings.device.startswith("udp") else contextlib.nullcontext()
         self.standing, self.sent, self.commanded, self.asked = True, STAND, -math.inf, -math.inf
         self.fault: str | None = None
         self.thread = threading.Thread(target=self.listen, name="mavlink", daemon=True)
@@ -114,13 +117,17 @@ class MavlinkDrive(Drive):
                 self.look_after()
             try:
                 self.port.select(TICK)
-                while (message := self.port.recv_msg()) is not None:
+                while (message := self.receive()) is not None:
                     if (message.get_srcSystem(), message.get_srcComponent()) == (self.settings.system_id, AUTOPILOT):
                         self.latest[message.get_type()] = self.now(), message
                         if message.get_type() == "HEARTBEAT":
                             self.heard.set()
             except OSError:  # a serial port is opened anew by pymavlink; the silence is noticed
                 self.closing.wait(TICK)
+
+    def receive(self) -> Any:
+        with self.receiving:
+            return self.port.recv_msg()
 
     def send(self, command: SafeCommand) -> DriveCommand:
         wanted, now = unseal(command), self.now()
