@@ -14,7 +14,7 @@ from ndtorch.errors import InputError
 from ndtorch.utils.tensors import safe_state
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.motion import Border, check_border
-from ndtorch.vision.temporal import corrected, predicted, safe_sqrt
+from ndtorch.vision.temporal import safe_sqrt
 
 DIRECTIONS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
 """Rows and columns towards which the motion signals left, right, down and up point."""
@@ -216,7 +216,7 @@ def object_file_step(low: Tensor, state: ObjectFileState, windows: ObjectFiles) 
     median = energy.median(-1).values  # objects fill few fields: what most show is noise
 
     # Follow: predict, then move towards the motion in the window's own direction.
-    place = predicted(state.place, state.velocity, dt)
+    place = state.place + state.velocity * dt
     away = windows.offset(windows.centers - place.unsqueeze(-2))  # [..., K, F, 2]
     window = torch.exp(-away.square().sum(-1) / (2 * p.window**2)) * state.open.unsqueeze(-1)
     shared = window * window / (window.sum(-2, keepdim=True) + CROWD)
@@ -232,7 +232,7 @@ def object_file_step(low: Tensor, state: ObjectFileState, windows: ObjectFiles) 
     young = (state.age < YOUNG).unsqueeze(-1)
     alpha = torch.where(young, max(p.gain, YOUNG_GAIN), p.gain)
     beta = torch.where(young, max(p.drift, YOUNG_DRIFT), p.drift)
-    place, velocity = corrected(place, state.velocity, towards, alpha, beta, UPDATES * dt)
+    place, velocity = place + alpha * towards, state.velocity + beta * towards / (UPDATES * dt)
     speed = velocity.norm(dim=-1, keepdim=True)
     velocity = velocity * (p.fastest / speed.clamp_min(p.fastest))
     age = state.age + dt * state.open

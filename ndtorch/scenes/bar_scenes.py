@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Unpack
 
 import torch
 
-from ndtorch.arguments import check_number, check_size
 from ndtorch.errors import InputError
-from ndtorch.scenes.bars import Bar, BarScene
-from ndtorch.scenes.base import PerScene, check_place, check_seed, pairs, per_scene
+from ndtorch.scenes.bars import SIZE, Bar, BarOptions, BarScene, split
+from ndtorch.scenes.base import PerScene, numbers, pairs
 from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
 from ndtorch.scenes.named import SECONDS
 
@@ -45,22 +45,16 @@ def one_bar(
     fluctuation: str | Fluctuation = "shadow",
     seed: int | Sequence[int] = 0,
     color: Color = RED,
-    speed: float = 50.0,
-    size: tuple[int, int] = (500, 500),
-    length: float = 50.0,
-    width: float = 12.0,
-    fps: float = 100.0,
-    device: torch.device | str = "cpu",
+    **options: Unpack[BarOptions],
 ) -> BarScene:
     """The red bar of `two_bars` alone. [B §3.4.2] Arguments, shapes and errors as there.
 
     >>> one_bar(seconds=2, fps=50).length
     100
     """
-    _check(size, seed, length)
-    bar = Bar(color, -30.0, (0.1 * size[1], 0.08 * size[0]), speed=speed, length=length, width=width)
-    kind = _fluctuation(fluctuation, 0.0, 1, seed)
-    return BarScene([bar], seconds, kind, size, fps, "one-bar", device)
+    (height, width), (look, shown) = options.get("size", SIZE), split(options)
+    bar = Bar(color, -30.0, (0.1 * width, 0.08 * height), **look)
+    return BarScene([bar], seconds, _fluctuation(fluctuation, 0.0, 1, seed), name="one-bar", **shown)
 
 
 def two_bars(
@@ -71,12 +65,7 @@ def two_bars(
     seed: int | Sequence[int] = 0,
     colors: tuple[Color, Color] = (RED, GREEN),
     shift: tuple[float, float] = (0.0, 0.0),
-    speed: float = 50.0,
-    size: tuple[int, int] = (500, 500),
-    length: float = 50.0,
-    width: float = 12.0,
-    fps: float = 100.0,
-    device: torch.device | str = "cpu",
+    **options: Unpack[BarOptions],
 ) -> BarScene:
     """The reference stimulus: red at -30° from the upper left, green at 210° from the upper right. [B §3.4.1]
 
@@ -94,11 +83,7 @@ def two_bars(
         colors: of the two bars.
         shift: columns and rows by which all bars start elsewhere. `(250, -85)` brings the second crossing,
             at 10.4 s, to the middle of the image. The shadow stays, and so does the lead.
-        speed: pixels a second.
-        size: height and width of the image.
-        length, width: of a bar in pixels.
-        fps: frames a second.
-        device: where frames are rendered.
+        options: see `BarOptions`.
 
     Returns:
         A source of frames `[T, 3, H, W]`, or `[B, T, 3, H, W]` for a batch.
@@ -113,14 +98,8 @@ def two_bars(
     >>> two_bars(phase=[0, 90]).batch
     (2,)
     """
-
-    _check(size, seed, length, shift)
-
-    def bars(lead: float, _: float) -> list[Bar]:
-        return _red_and_green(lead, colors, shift, size, speed, length, width)
-
-    kind = _fluctuation(fluctuation, phase, 2, seed)
-    return BarScene(_scenes(bars, phase, 0.0), seconds, kind, size, fps, "two-bars", device)
+    bars = _scenes(lambda lead, _: _red_and_green(lead, colors, shift, options), phase, 0.0)
+    return BarScene(bars, seconds, _fluctuation(fluctuation, phase, 2, seed), name="two-bars", **split(options)[1])
 
 
 def three_bars(
@@ -132,12 +111,7 @@ def three_bars(
     seed: int | Sequence[int] = 0,
     colors: tuple[Color, Color, Color] = (RED, GREEN, BLUE),
     shift: tuple[float, float] = (0.0, 0.0),
-    speed: float = 50.0,
-    size: tuple[int, int] = (500, 500),
-    length: float = 50.0,
-    width: float = 12.0,
-    fps: float = 100.0,
-    device: torch.device | str = "cpu",
+    **options: Unpack[BarOptions],
 ) -> BarScene:
     """The reference stimulus and a blue bar that moves straight to the left. [B §3.4.2]
 
@@ -151,16 +125,14 @@ def three_bars(
     >>> len(three_bars().bars)
     3
     """
-
-    _check(size, seed, length, shift)
+    (height, width), (look, shown) = options.get("size", SIZE), split(options)
 
     def bars(lead: float, offset: float) -> list[Bar]:
-        start = (0.65 * size[1] + shift[0] + offset, 0.375 * size[0] + shift[1])
-        blue = Bar(colors[2], 180.0, start, speed=speed, length=length, width=width)
-        return [*_red_and_green(lead, colors[:2], shift, size, speed, length, width), blue]
+        start = (0.65 * width + shift[0] + offset, 0.375 * height + shift[1])
+        return [*_red_and_green(lead, colors[:2], shift, options), Bar(colors[2], 180.0, start, **look)]
 
     kind = _fluctuation(fluctuation, phase, 3, seed)
-    return BarScene(_scenes(bars, phase, blue_offset), seconds, kind, size, fps, "three-bars", device)
+    return BarScene(_scenes(bars, phase, blue_offset), seconds, kind, name="three-bars", **shown)
 
 
 def equal_bars(
@@ -170,12 +142,7 @@ def equal_bars(
     seed: int | Sequence[int] = 0,
     color: Color = GREEN,
     direction: float = -30.0,
-    speed: float = 50.0,
-    size: tuple[int, int] = (500, 500),
-    length: float = 50.0,
-    width: float = 12.0,
-    fps: float = 100.0,
-    device: torch.device | str = "cpu",
+    **options: Unpack[BarOptions],
 ) -> BarScene:
     """Three bars alike in color, direction and orientation that fluctuate differently. [C §5.5.2]
 
@@ -183,44 +150,24 @@ def equal_bars(
     comes and goes at its own rate (`EQUAL_RATES`), with "random" they are in different places of one pattern.
     The bars keep their distances and never touch. Arguments, shapes and errors as in `two_bars`.
     """
-    _check(size, seed, length)
+    (height, width), (look, shown) = options.get("size", SIZE), split(options)
     if fluctuation == "shadow":
         fluctuation = SineShadow(EQUAL_PERIODS)
     elif fluctuation == "distance":
         fluctuation = Distance(EQUAL_RATES)
-    starts = [(share * size[1], share * size[0]) for share in (0.2, 0.5, 0.8)]
-    bars = [Bar(color, direction, at, speed=speed, length=length, width=width) for at in starts]
-    kind = _fluctuation(fluctuation, 0.0, 3, seed)
-    return BarScene(bars, seconds, kind, size, fps, "equal-bars", device)
+    bars = [Bar(color, direction, (share * width, share * height), **look) for share in (0.2, 0.5, 0.8)]
+    return BarScene(bars, seconds, _fluctuation(fluctuation, 0.0, 3, seed), name="equal-bars", **shown)
 
 
-def _check(size: object, seed: object, length: object, shift: object = (0.0, 0.0)) -> None:
-    """Raise `InputError` for what places are computed from, before they are."""
-    check_size("size", size, 1)
-    check_seed(seed)
-    check_number("length", length)
-    check_place("shift", shift)
-
-
-def _red_and_green(
-    lead: float,
-    colors: Sequence[Color],
-    shift: tuple[float, float],
-    size: tuple[int, int],
-    speed: float,
-    length: float,
-    width: float,
-) -> list[Bar]:
-    red_x, red_y = 0.1 * size[1] + shift[0], 0.08 * size[0] + shift[1]
+def _red_and_green(lead: float, colors: Sequence[Color], shift: tuple[float, float], options: BarOptions) -> list[Bar]:
+    (height, width), (look, _) = options.get("size", SIZE), split(options)
+    red_x, red_y = 0.1 * width + shift[0], 0.08 * height + shift[1]
     # Light is sin(2 pi x / PERIOD). Red moves right and starts at the phase 2 pi red_x / PERIOD, green moves
     # left and starts at pi - 2 pi green_x / PERIOD: the lead fixes the sum of the two places.
-    nearest = 0.85 * size[1] + shift[0]
+    nearest = 0.85 * width + shift[0]
     green_x = nearest + (PERIOD / 2 - PERIOD * lead / 360 - red_x - nearest) % PERIOD
-    green_y = red_y + 1.4 * length
-    return [
-        Bar(colors[0], -30.0, (red_x, red_y), speed=speed, length=length, width=width),
-        Bar(colors[1], 210.0, (green_x, green_y), speed=speed, length=length, width=width),
-    ]
+    green_y = red_y + 1.4 * options.get("length", Bar.length)
+    return [Bar(colors[0], -30.0, (red_x, red_y), **look), Bar(colors[1], 210.0, (green_x, green_y), **look)]
 
 
 def _scenes(
@@ -241,6 +188,5 @@ def _fluctuation(kind: str | Fluctuation, phase: PerScene, bars: int, seed: int 
     if kind == "none":
         return NoFluctuation()
     if kind == "distance":
-        leads = per_scene("phase", phase)[..., None] * torch.arange(bars, dtype=torch.float64)
-        return Distance(phase=leads)
+        return Distance(phase=numbers("phase", phase, 1)[..., None] * torch.arange(bars, dtype=torch.float64))
     raise InputError(f"fluctuation must be 'shadow', 'distance', 'random' or 'none', got {kind!r}")

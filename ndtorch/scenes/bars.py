@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, TypedDict, cast
 
 import numpy as np
 import torch
@@ -58,6 +58,29 @@ class Bar:
         return self.direction if self.orientation is None else self.orientation
 
 
+SIZE = (500, 500)
+"""Height and width of the scenes of the papers, pixels."""
+
+
+class BarOptions(TypedDict, total=False):
+    """What all scenes of bars take: speed (50 pixels a second), length and width of a bar (50 and 12 pixels), size
+    (height and width of the image, pixels; (500, 500), single bars (100, 100)), fps (100) and device (where frames are
+    rendered)."""
+
+    speed: float
+    length: float
+    width: float
+    size: tuple[int, int]
+    fps: float
+    device: torch.device | str
+
+
+def split(options: BarOptions) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Options of each bar, and those of the scene."""
+    look = {key: value for key, value in options.items() if key in ("speed", "length", "width")}
+    return look, {key: value for key, value in options.items() if key not in look}
+
+
 class BarScene(RenderedScene):
     """Any number of moving bars on black, wrapping around the edges; later bars cover earlier ones.
 
@@ -88,7 +111,7 @@ class BarScene(RenderedScene):
         bars: Sequence[Bar] | Sequence[Sequence[Bar]],
         seconds: float,
         fluctuation: Fluctuation | None = None,
-        size: tuple[int, int] = (500, 500),
+        size: tuple[int, int] = SIZE,
         fps: float = 100.0,
         name: str = "bars",
         device: torch.device | str = "cpu",

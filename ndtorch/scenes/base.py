@@ -153,17 +153,6 @@ PerBar = float | Sequence[float] | Sequence[Sequence[float]] | Tensor
 """One number for all, one a bar `[bars]`, or one a scene and bar `[B, bars]`."""
 
 
-def per_scene(name: str, value: PerScene) -> Tensor:
-    """`value` as a float64 tensor of shape [] or [B] on the CPU, or `InputError`."""
-    return numbers(name, value, 1, "a finite number or a list of them")
-
-
-def per_bar(name: str, value: PerBar) -> Tensor:
-    """`value` as a float64 tensor of shape [bars] or [B, bars] on the CPU; one number becomes [1]."""
-    each = numbers(name, value, 2, "finite: a number, [bars] or [B, bars]")
-    return each.reshape(1) if each.ndim == 0 else each
-
-
 def check_seed(seed: object) -> None:
     """Raise `InputError` unless it is a whole number, or several."""
     several = seed if isinstance(seed, tuple | list) else (seed,)
@@ -187,27 +176,26 @@ def pairs(
     first_name: str, first: PerScene, second_name: str, second: PerScene
 ) -> tuple[float, float] | list[tuple[float, float]]:
     """The two values of one scene, or B of them; one number goes with every scene of the other's batch."""
-    a, b = per_scene(first_name, first).numpy(), per_scene(second_name, second).numpy()
+    a, b = numbers(first_name, first, 1).numpy(), numbers(second_name, second, 1).numpy()
     try:
         a, b = np.broadcast_arrays(a, b)
     except ValueError as error:
-        raise InputError(
-            f"{first_name} and {second_name} must hold equally many values, got {len(a)} and {len(b)}"
-        ) from error
+        raise InputError(f"{first_name} and {second_name} must hold equally many values") from error
     if a.ndim == 0:
         return float(a), float(b)
     return list(zip(a.tolist(), b.tolist(), strict=True))
 
 
-def numbers(name: str, value: object, most_dims: int, wanted: str) -> Tensor:
-    """A float64 tensor of at most so many dimensions on the CPU, or `InputError`."""
+def numbers(name: str, value: object, most_dims: int, least_dims: int = 0) -> Tensor:
+    """A float64 tensor of so many dimensions on the CPU, or `InputError`."""
+    wanted = "finite numbers: one, " + ("or a list of them" if most_dims == 1 else "or one for each bar or scene")
     try:
         tensor = torch.as_tensor(value, dtype=torch.float64).cpu()
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         raise InputError(f"{name} must be {wanted}, got {repr(value)[:40]}") from error
     if tensor.ndim > most_dims or tensor.numel() == 0 or not bool(torch.isfinite(tensor).all()):
         raise InputError(f"{name} must be {wanted}, got {tensor.tolist()}")
-    return tensor
+    return tensor.reshape(1) if tensor.ndim < least_dims else tensor
 
 
 MOST_FPS, MOST_SECONDS = 1e5, 1e8

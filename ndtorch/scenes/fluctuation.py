@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
-from ndtorch.scenes.base import PerBar, check_seed, per_bar
+from ndtorch.scenes.base import PerBar, check_seed, numbers
 
 
 class Fluctuation:
@@ -48,13 +48,13 @@ class SineShadow(Fluctuation):
     """
 
     def __init__(self, period: PerBar = 50.0, mean: float = 0.5, amplitude: float = 0.25, phase: PerBar = 0.0) -> None:
-        self.period, self.phase = per_bar("period", period), per_bar("phase", phase)
-        check_number("mean", mean)
-        check_number("amplitude", amplitude)
+        self.period, self.phase = (
+            torch.atleast_1d(numbers(n, v, 2)) for n, v in (("period", period), ("phase", phase))
+        )
         self.mean, self.amplitude = mean, amplitude
         if not bool((self.period > 0).all()):
             raise InputError(f"period must be positive pixels, got {period}")
-        if mean - abs(amplitude) < 0 or mean + abs(amplitude) > 1:
+        if not (mean - abs(amplitude) >= 0 and mean + abs(amplitude) <= 1):
             raise InputError(f"mean +- amplitude must lie in 0..1, got {mean} +- {amplitude}")
 
     def light(self, size: tuple[int, int]) -> Tensor:
@@ -79,13 +79,10 @@ class RandomShadow(Fluctuation):
         self, seed: int | Sequence[int] = 0, sigma: float = 6.0, lowest: float = 0.25, highest: float = 0.75
     ) -> None:
         check_seed(seed)
-        for name, value in (("sigma", sigma), ("lowest", lowest), ("highest", highest)):
-            check_number(name, value)
         self.batched = isinstance(seed, Sequence)
         self.seeds = [int(one) for one in (seed if isinstance(seed, Sequence) else [seed])]
         self.sigma, self.lowest, self.highest = sigma, lowest, highest
-        if not sigma >= 0:
-            raise InputError(f"sigma must be >= 0 pixels, got {sigma}")
+        check_number("sigma", sigma, least=0, unit="pixels")
         if not 0 <= lowest < highest <= 1:
             raise InputError(f"lowest and highest must be in order within 0..1, got {lowest} and {highest}")
 
@@ -122,8 +119,7 @@ class Distance(Fluctuation):
     """
 
     def __init__(self, rate: PerBar = 1.0, phase: PerBar = 0.0, smallest: float = 9 / 12) -> None:
-        self.rate, self.phase = per_bar("rate", rate), per_bar("phase", phase)
-        check_number("smallest", smallest)
+        self.rate, self.phase = numbers("rate", rate, 2, 1), numbers("phase", phase, 2, 1)
         self.smallest = smallest
         if not 0 < smallest <= 1:
             raise InputError(f"smallest must be a part of the full size in (0, 1], got {smallest}")

@@ -30,40 +30,37 @@ class NamedScene(NamedTuple):
     @property
     def build(self) -> Callable[..., FrameSource]:
         """The function that makes the scene."""
-        module, name = self.builder.split(":")
-        found: Callable[..., FrameSource] = getattr(import_module(f"ndtorch.scenes.{module}"), name)
+        found: Callable[..., FrameSource] = getattr(import_module("ndtorch.scenes"), self.builder)
         return found
 
 
 SCENES: dict[str, NamedScene] = {
-    "one-bar": NamedScene("bar_scenes:one_bar", "a red bar moving through sine shadow", {}),
-    "two-bars": NamedScene("bar_scenes:two_bars", "the reference stimulus: red and green bars in sine shadow", {}),
-    "three-bars": NamedScene("bar_scenes:three_bars", "the reference stimulus and a blue bar moving left", {}),
+    "one-bar": NamedScene("one_bar", "a red bar moving through sine shadow", {}),
+    "two-bars": NamedScene("two_bars", "the reference stimulus: red and green bars in sine shadow", {}),
+    "three-bars": NamedScene("three_bars", "the reference stimulus and a blue bar moving left", {}),
     "two-bars-distance": NamedScene(
-        "bar_scenes:two_bars", "red and green bars that come nearer and go away, no shadow", {"fluctuation": "distance"}
+        "two_bars", "red and green bars that come nearer and go away, no shadow", {"fluctuation": "distance"}
     ),
     "two-bars-random": NamedScene(
-        "bar_scenes:two_bars", "red and green bars in a random dappled shadow", {"fluctuation": "random"}
+        "two_bars", "red and green bars in a random dappled shadow", {"fluctuation": "random"}
     ),
     "two-bars-still-light": NamedScene(
-        "bar_scenes:two_bars", "red and green bars that do not fluctuate at all", {"fluctuation": "none"}
+        "two_bars", "red and green bars that do not fluctuate at all", {"fluctuation": "none"}
     ),
-    "equal-bars": NamedScene("bar_scenes:equal_bars", "three green bars alike in all but their fluctuation", {}),
-    "rings": NamedScene(
-        "patterns:rings", "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}
-    ),
-    "grating": NamedScene("patterns:grating", "a drifting grating, sine or square", {}),
-    "counterphase-grating": NamedScene("patterns:counterphase_grating", "a standing grating that reverses", {}),
-    "plaid": NamedScene("patterns:plaid", "two drifting gratings at an angle", {}),
-    "on-edge": NamedScene("patterns:edge", "a bright edge that crosses the image", {"polarity": "on"}),
-    "off-edge": NamedScene("patterns:edge", "a dark edge that crosses the image", {"polarity": "off"}),
-    "flash": NamedScene("patterns:flash", "a flash of the whole field", {}),
-    "flicker": NamedScene("patterns:flicker", "flicker of the whole field", {}),
-    "moving-bar": NamedScene("stimuli:moving_bar", "a white bar that moves across its long axis", {"direction": 0.0}),
-    "looming-disc": NamedScene("patterns:looming_disc", "a dark disc on a collision course", {}),
-    "receding-disc": NamedScene("patterns:looming_disc", "the looming disc backwards", {"receding": True}),
-    "random-dots": NamedScene("patterns:random_dots", "dots that move together, or a share of them", {}),
-    "panned-picture": NamedScene("patterns:panned_picture", "a picture, or 1/f noise, that moves past", {}),
+    "equal-bars": NamedScene("equal_bars", "three green bars alike in all but their fluctuation", {}),
+    "rings": NamedScene("rings", "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}),
+    "grating": NamedScene("grating", "a drifting grating, sine or square", {}),
+    "counterphase-grating": NamedScene("counterphase_grating", "a standing grating that reverses", {}),
+    "plaid": NamedScene("plaid", "two drifting gratings at an angle", {}),
+    "on-edge": NamedScene("edge", "a bright edge that crosses the image", {"polarity": "on"}),
+    "off-edge": NamedScene("edge", "a dark edge that crosses the image", {"polarity": "off"}),
+    "flash": NamedScene("flash", "a flash of the whole field", {}),
+    "flicker": NamedScene("flicker", "flicker of the whole field", {}),
+    "moving-bar": NamedScene("moving_bar", "a white bar that moves across its long axis", {"direction": 0.0}),
+    "looming-disc": NamedScene("looming_disc", "a dark disc on a collision course", {}),
+    "receding-disc": NamedScene("looming_disc", "the looming disc backwards", {"receding": True}),
+    "random-dots": NamedScene("random_dots", "dots that move together, or a share of them", {}),
+    "panned-picture": NamedScene("panned_picture", "a picture, or 1/f noise, that moves past", {}),
 }
 """Every scene that has a name. Options given to `make_scene` win over the fixed ones."""
 
@@ -86,12 +83,15 @@ def make_scene(name: str, **options: Any) -> FrameSource:
     >>> make_scene('two-bars', seconds=1.0, phase=60).length
     100
     """
+    from ndtorch.scenes.bars import BarOptions
+    from ndtorch.scenes.patterns import Screen
+
     if not isinstance(name, str) or name not in SCENES:
         raise InputError(f"scene must be one of {', '.join(SCENES)}; got {name!r}{did_you_mean(name, SCENES)}")
     scene = SCENES[name]
-    known = [key for key in inspect.signature(scene.build).parameters if key != "screen"]
-    if "seconds" not in known:
-        known += ["seconds", "fps", "size", "channels", "device"]
+    own = inspect.signature(scene.build).parameters
+    shared = BarOptions if "options" in own else Screen
+    known = [key for key in own if key not in ("options", "screen")] + list(shared.__annotations__)
     unknown = sorted(set(options) - set(known))
     if unknown:
         hint = did_you_mean(unknown[0], known) or f"; it has {', '.join(known)}"

@@ -73,7 +73,7 @@ class Pattern(RenderedScene):
 
 def number(name: str, value: PerBar, least: float | None = None, above: float | None = None) -> Tensor:
     """A number of each scene, `[..., 1, 1, 1]`."""
-    found = numbers(name, value, 2, "a finite number, [B] or [A, B]")
+    found = numbers(name, value, 2)
     if (least is not None and bool((found < least).any())) or (above is not None and bool((found <= above).any())):
         raise InputError(f"{name} must be {'>=' if above is None else '>'} {least if above is None else above:g}")
     return found[..., None, None, None]
@@ -135,11 +135,7 @@ def grating(
     torch.Size([2, 2, 3, 100, 100])
     """
     check_profile(profile, duty)
-    length, rate, u = (
-        number("wavelength", wavelength, above=0),
-        number("temporal_frequency", temporal_frequency),
-        along(direction),
-    )
+    length, rate = number("wavelength", wavelength, above=0), number("temporal_frequency", temporal_frequency)
     u, shift, depth = along(direction), number("phase", phase) / 360, number("contrast", contrast)
     return Pattern(
         "grating",
@@ -160,11 +156,7 @@ def counterphase_grating(
 ) -> Pattern:
     """A standing grating whose contrast reverses, `mean (1 + contrast sin(2 pi u / wavelength + phase) cos(2 pi
     temporal_frequency t))`. Arguments as of `grating`; `direction` is across its bars."""
-    length, rate, u = (
-        number("wavelength", wavelength, above=0),
-        number("temporal_frequency", temporal_frequency),
-        along(direction),
-    )
+    length, rate = number("wavelength", wavelength, above=0), number("temporal_frequency", temporal_frequency)
     u, shift, depth = along(direction), number("phase", phase) / 360, number("contrast", contrast)
     return Pattern(
         "counterphase-grating",
@@ -186,7 +178,7 @@ def plaid(
 ) -> Pattern:
     """The mean of two drifting sine gratings whose directions are `angle` degrees apart, half of it at each side of
     `direction`. Arguments as of `grating`."""
-    half, middle = numbers("angle", angle, 2, "finite") / 2, numbers("direction", direction, 2, "finite")
+    half, middle = numbers("angle", angle, 2) / 2, numbers("direction", direction, 2)
     both = [
         grating(wavelength, temporal_frequency, middle + side, contrast, phase=phase, mean=mean, **screen)
         for side in (half, -half)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Unpack
+
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_number, check_size, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.scenes.bar_scenes import Color
-from ndtorch.scenes.bars import Bar, BarScene
-from ndtorch.scenes.base import PerScene, check_place, pairs
+from ndtorch.scenes.bars import Bar, BarOptions, BarScene, split
+from ndtorch.scenes.base import PerScene, pairs
 from ndtorch.scenes.fluctuation import Fluctuation
 
 WHITE: Color = (1.0, 1.0, 1.0)
@@ -23,12 +24,7 @@ def moving_bar(
     seconds: float = 4.0,
     fluctuation: Fluctuation | None = None,
     start: tuple[float, float] | None = None,
-    speed: float = 50.0,
-    size: tuple[int, int] = (100, 100),
-    length: float = 50.0,
-    width: float = 12.0,
-    fps: float = 100.0,
-    device: torch.device | str = "cpu",
+    **options: Unpack[BarOptions],
 ) -> BarScene:
     """One bar in steady light that starts in the middle of the image, or at `start` (column, row).
 
@@ -36,8 +32,7 @@ def moving_bar(
         direction: of motion in degrees counter-clockwise as seen, 0 = right; B values make B scenes.
         orientation: in degrees counter-clockwise, 0 = long axis vertical; B values, or None for a bar that
             moves across its long axis.
-
-    Everything else as in `two_bars`.
+        options: see `BarOptions`.
 
     Returns:
         A source of frames `[T, 3, H, W]`, or `[B, T, 3, H, W]` for B angles.
@@ -48,36 +43,32 @@ def moving_bar(
     >>> moving_bar([0.0, 90.0, 180.0]).frames(0, 4).shape
     torch.Size([3, 4, 3, 100, 100])
     """
-    check_size("size", size, 1)
-    at = ((size[1] - 1) / 2, (size[0] - 1) / 2) if start is None else start
+    options = {"size": (100, 100), **options}
+    at = ((options["size"][1] - 1) / 2, (options["size"][0] - 1) / 2) if start is None else start
+    look, shown = split(options)
     angles = pairs("direction", direction, "orientation", direction if orientation is None else orientation)
 
     def bar(towards: float, tilt: float) -> list[Bar]:
-        return [Bar(color, towards, at, tilt, speed, length, width)]
+        return [Bar(color, towards, at, tilt, **look)]
 
     bars = bar(*angles) if isinstance(angles, tuple) else [bar(*pair) for pair in angles]
-    return BarScene(bars, seconds, fluctuation, size, fps, "moving-bar", device)
+    return BarScene(bars, seconds, fluctuation, name="moving-bar", **shown)
 
 
 def static_bar(
     orientation: PerScene,
     color: Color = WHITE,
-    size: tuple[int, int] = (100, 100),
     *,
     center: tuple[float, float] | None = None,
-    length: float = 50.0,
-    width: float = 12.0,
-    device: torch.device | str = "cpu",
+    **options: Unpack[BarOptions],
 ) -> Tensor:
     """One frame of a bar at rest, `[3, H, W]`, or `[B, 3, H, W]` for B orientations.
 
     Args:
         orientation: degrees counter-clockwise as seen, 0 = long axis vertical.
         color: red, green and blue in 0..1.
-        size: height and width in pixels.
         center: column and row of the bar's center; None is the middle of the image.
-        length, width: pixels.
-        device: where the frame is rendered.
+        options: see `BarOptions`.
 
     Raises:
         InputError: as `moving_bar`.
@@ -85,19 +76,7 @@ def static_bar(
     >>> static_bar(torch.tensor([0.0, 90.0])).shape
     torch.Size([2, 3, 100, 100])
     """
-    if center is not None:
-        check_place("center", center)
-    scene = moving_bar(
-        0.0,
-        orientation,
-        color=color,
-        seconds=1.0,
-        start=center,
-        size=size,
-        length=length,
-        width=width,
-        device=device,
-    )
+    scene = moving_bar(0.0, orientation, color=color, seconds=1.0, start=center, **options)
     return scene.frames(0, 1).select(-4, 0)
 
 
@@ -116,13 +95,7 @@ def hsl_color(hue: float | Tensor, saturation: float | Tensor, lightness: float 
     >>> hsl_color(120, 1.0, 0.5)
     tensor([0., 1., 0.])
     """
-    given = {"hue": hue, "saturation": saturation, "lightness": lightness}
-    for name, value in given.items():
-        if isinstance(value, Tensor):
-            check_tensor(name, value)
-        else:
-            check_number(name, value)
-    h, s, x = (torch.as_tensor(value, dtype=torch.get_default_dtype()) for value in given.values())
+    h, s, x = (torch.as_tensor(value, dtype=torch.get_default_dtype()) for value in (hue, saturation, lightness))
     for name, value in (("saturation", s), ("lightness", x)):
         if not bool(((value >= 0) & (value <= 1)).all()):
             raise InputError(f"{name} must lie in 0..1, got {value.min().item():g} to {value.max().item():g}")

@@ -162,21 +162,11 @@ def filter_row(
     image: Array,
     high: Array,
 ) -> tuple[float, float, float]:
-    """Grey and `motion_step` of one row in one loop: every number is read and written once.
+    """Grey and the filters of one row in one loop, and sums of the colors: every number is read and written once.
 
-    Numbers that have died away become zero: as denormals they would make every later frame ten times slower.
-
-    Args:
-        colors: red, green and blue.
-        third: scales their sum to grey in 0..1.
-        settle: the state before is that of filters settled on this row, whatever is given.
-        slow, delayed: states, which become those after it. None of these arrays may overlap another: loops would not
-            be made of vector instructions.
-        shares: of the high-pass and of the low-pass.
-        image, high: become grey and the high-passed row.
-
-    Returns:
-        Sums of the colors.
+    `third` scales the sum of the colors to grey in 0..1; `slow` and `delayed` become the states after it, `image` and
+    `high` the grey and the high-passed row. None of these arrays may overlap another: loops would not be made of vector
+    instructions. Numbers that have died away become zero: as denormals they would make later frames ten times slower.
     """
     kind = image.dtype.type
     tiny, a_high, a_low = kind(1e-30), kind(shares[0]), kind(shares[1])
@@ -207,12 +197,8 @@ def split_colors(row: Array, red: Array, green: Array, blue: Array) -> None:
 
 @jit
 def color_planes(pixels: Array, beside: bool, begin: int, end: int, buffer: Array) -> tuple[Array, Array, Array]:
-    """Red, green and blue of some pixels of a frame, each without gaps.
-
-    Args:
-        pixels: all numbers of the frame, whose colors may lie `beside` each other.
-        buffer: used where they do, `[3, end - begin or more]`.
-    """
+    """Red, green and blue of some pixels of a frame, each without gaps: in the buffer where they lie `beside` each
+    other."""
     if beside:
         count = end - begin
         split_colors(pixels[3 * begin : 3 * end], buffer[0], buffer[1], buffer[2])
@@ -224,13 +210,8 @@ def color_planes(pixels: Array, beside: bool, begin: int, end: int, buffer: Arra
 
 @jit
 def correlate(high: Array, late: Array, high_before: Array, late_before: Array, total: tuple[Array, Array]) -> None:
-    """Sums and sums of magnitudes of `high late' - high' late`: with the left neighbour, and with the row before.
-
-    Args:
-        high, late: rows `[R, W]`.
-        high_before, late_before: those before each.
-        total: the sums across and along are added to these, `[2]` each.
-    """
+    """Sums and sums of magnitudes of `high late' - high' late` of rows `[R, W]`, added to the totals across and along,
+    `[2]` each: with the left neighbour, and with the row before."""
     along_row, over_rows = total
     for y in range(high.shape[0]):
         left, right = (high[y, :-1], late[y, :-1]), (high[y, 1:], late[y, 1:])
@@ -265,7 +246,7 @@ def add_weighted(row: Array, weight: float, total: Array) -> None:
 
 @jit
 def add_to_two(row: Array, weights: tuple[float, float], here: Array, there: Array) -> None:
-    """`add_weighted` to two others."""
+    """The same to two others."""
     one, two = weights
     for x in range(row.shape[0]):
         here[x] += one * row[x]
@@ -274,13 +255,8 @@ def add_to_two(row: Array, weights: tuple[float, float], here: Array, there: Arr
 
 @jit
 def thin_columns(rows: Array, margin: int, image: Array) -> None:
-    """`thin_rows` of the columns: halved around the middles of pairs, and again as often as it takes.
-
-    Args:
-        rows: `[R, W]`.
-        margin: mirrored columns at both sides.
-        image: becomes `[R, (W + 2 margin) / block]`, block a power of two.
-    """
+    """`thin_rows` of the columns of `[R, W]` with mirrored margins, into an image `[R, (W + 2 margin) / block]`: halved
+    around the middles of pairs, and again as often as it takes."""
     height, width = rows.shape
     length = width + 2 * margin
     times = 0

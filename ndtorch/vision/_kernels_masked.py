@@ -33,17 +33,7 @@ def sum_features(
     strongest: Array,
     sums: Array,
 ) -> None:
-    """The first part of `ndtorch.vision.masked_features`, at half the height and width.
-
-    Args:
-        image, background: `[3, h, w]`.
-        labels: `[h, w]` int32.
-        slow, delayed: `MotionState`; become that after the step, `[3, h / 2, w / 2]`.
-        shares: of its high-pass and its delay filter.
-        strongest: becomes the largest difference from the background among the colors, `[h / 2, w / 2]`.
-        sums: becomes pixels, motion across and along, and red, green and blue of each field, `[fields, 6]`
-            float64: roots are taken of what is left of motion both ways.
-    """
+    """The first part of a step, see `MaskedFeatures.measure`; `slow` and `delayed` become those after the step."""
     kind = image.dtype.type
     _, height, width = slow.shape
     fields = sums.shape[0]
@@ -132,15 +122,7 @@ def pass_high(
 
 @jit
 def signals_of_sums(strongest: Array, filters: Array, labels: Array, sums: Array, signals: Array) -> None:
-    """The last part of `ndtorch.vision.masked_features`.
-
-    Args:
-        strongest: of `sum_features`, with margins of half a filter.
-        filters: of `oriented_filters`, `[rows, 3, n]`.
-        labels: `[h, w]` int32.
-        sums: of `sum_features`, `[fields, 6]`.
-        signals: become the ten of each field, `[fields, 10]`.
-    """
+    """The second part, see `MaskedFeatures.signals`; `strongest` has margins of half a filter."""
     fields, (rows, _, reach) = sums.shape[0], filters.shape
     height, width = labels.shape[0] // 2, labels.shape[1] // 2
     tilted = np.zeros((fields, 3))

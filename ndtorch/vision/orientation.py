@@ -60,11 +60,6 @@ def dog_spectrum(
     return gaussian(center) - gaussian(surround)
 
 
-def highest_up(frequencies: Tensor) -> Tensor:
-    """Frequencies in cycles a pixel with 1/2 for -1/2."""
-    return frequencies.where(frequencies > -0.5, -frequencies)
-
-
 def numbers(deviations: Deviations) -> tuple[float, float]:
     """Deviations as numbers."""
     if not isinstance(deviations, Tensor):
@@ -205,7 +200,8 @@ class OrientedDoG(FullPrecision):
     def full_spectrum(self, rows: Tensor, columns: Tensor, center: Deviations, surround: Deviations) -> Tensor:
         """`dog_spectrum` of every angle. The highest frequency is its own mirror image: what a tilted filter does to it
         is the mean over both signs."""
-        signs = [(r[:, None], c) for r in (rows, highest_up(rows)) for c in (columns, -highest_up(-columns))]
+        up, left = rows.where(rows > -0.5, -rows), columns.where(columns < 0.5, -columns)
+        signs = [(r[:, None], c) for r in (rows, up) for c in (columns, left)]
         each = [torch.stack([dog_spectrum(*s, a, center, surround) for s in signs]).mean(0) for a in self.radians]
         return torch.stack(each)
 
@@ -232,7 +228,7 @@ class OrientedDoG(FullPrecision):
 
     def thinned(self, image: Tensor) -> Tensor:
         """Grey images with their mirrored margins and fewer rows and columns, see `thinning`."""
-        return thin_columns(thin_rows(self._pad(image), self.blocks[0]), self.blocks[1])
+        return thin_rows(thin_rows(self._pad(image), self.blocks[0]).mT, self.blocks[1]).mT
 
     def magnitudes_of_thinned(self, image: Tensor) -> Tensor:
         """Magnitudes on the two coarse grids, `[..., 2, 3, h, w]`, of images as of `thinned`.
@@ -330,8 +326,7 @@ class Thinning(NamedTuple):
 def halvings(length: int, spacing: float) -> int:
     """How often a line of `length` can be halved while its samples stay within `spacing`."""
     times = 0
-    while length % 2 == 0 and 2 ** (times + 1) <= spacing:
-        length //= 2
+    while length % 2 ** (times + 1) == 0 and 2 ** (times + 1) <= spacing:
         times += 1
     return times
 
@@ -358,11 +353,6 @@ def thin_rows(image: Tensor, block: int) -> Tensor:
     weights = torch.stack([1 - away.abs(), away.clamp_min(0), (-away).clamp_min(0)])
     own, down, up = (weights @ image.reshape(*image.shape[:-2], -1, block, image.shape[-1])).unbind(-2)
     return own + down.roll(1, -2) + up.roll(-1, -2)
-
-
-def thin_columns(image: Tensor, block: int) -> Tensor:
-    """`thin_rows` of the columns."""
-    return image if block == 1 else thin_rows(image.mT, block).mT
 
 
 def mirrored_start(cell: float) -> float:
@@ -402,7 +392,5 @@ def inside_weights(length: int, points: int, margin: int, offset: float) -> Tens
     """
     cell = length / points
     middle = (torch.arange(points, dtype=torch.float64) + offset) * cell
-    low, high = margin - 0.5, length - margin - 0.5
-    right = (middle + cell / 2).clamp(low, high)
-    left = (middle - cell / 2).clamp(low, high)
+    left, right = ((middle + half).clamp(margin - 0.5, length - margin - 0.5) for half in (-cell / 2, cell / 2))
     return (right - left) / cell

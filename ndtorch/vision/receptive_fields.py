@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import FullPrecision, check_number, check_state, check_tensor, has_values, without_autocast
+from ndtorch.arguments import FullPrecision, check_number, check_state, has_values, without_autocast
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.frames import as_float, check_frames, grey
@@ -29,7 +29,7 @@ def field_weights(points: Tensor, length: float, fields: int, border: Border = "
             their centers.
 
     Raises:
-        InputError: another border, no field, more fields than pixels, or points other than finite numbers `[points]`.
+        InputError: another border, no field, or more fields than pixels.
 
     >>> weights = field_weights(torch.arange(100.0), 100.0, 5)
     >>> weights.shape, bool((weights.sum(0) - weights.sum(0).mean()).abs().max() < 1e-5)
@@ -38,9 +38,6 @@ def field_weights(points: Tensor, length: float, fields: int, border: Border = "
     check_border(border)
     if not 1 <= fields <= length:
         raise InputError(f"fields must be between 1 and the {length} pixels of a side, got {fields}")
-    check_tensor("points", points)
-    if points.ndim != 1:
-        raise InputError(f"points must be [points], got {tuple(points.shape)}")
     if fields == 1:
         return torch.ones_like(points).unsqueeze(0)
     spacing = length / fields
@@ -119,8 +116,13 @@ class LocalFeatures(FullPrecision):
             frame = as_float(frame)
             image = grey(frame)
             high, delayed, state = self.features.motion.scan(image.unsqueeze(-3), state)
-            motion = self._motion(high.squeeze(-3), delayed.squeeze(-3))
-            signals.append(torch.cat([motion, self._orientation(image), self._pool(frame)], -3))
+            motion = self.features.motion.images(high.squeeze(-3), delayed.squeeze(-3))
+            sides, ends = self._pool(motion[..., :2, :, :], -1), self._pool(motion[..., 2:, :, :], -2)
+            filters = self.features.orientation
+            size = filters.magnitudes_of_thinned(filters.thinned(image))  # [..., grids, 3, h, w]
+            rows, columns = self.dog_rows.to(size.dtype), self.dog_columns.to(size.dtype)
+            orientation = (rows.unsqueeze(1) @ size @ columns.unsqueeze(1).mT).sum(-4)
+            signals.append(torch.cat([sides, ends, orientation, self._pool(frame)], -3))
         assert state is not None
         out = torch.stack(signals, -4).movedim(-3, -1)
         if has_values(out) and not torch.isfinite(out).all():
@@ -132,15 +134,3 @@ class LocalFeatures(FullPrecision):
         rows = self.rows_between if between == -2 else self.rows
         columns = self.columns_between if between == -1 else self.columns
         return rows.to(images.dtype) @ (images @ columns.to(images.dtype).T)
-
-    def _motion(self, high: Tensor, delayed: Tensor) -> Tensor:
-        """Left, right, down and up in every field, `[..., 4, R, C']`."""
-        images = self.features.motion.images(high, delayed)
-        return torch.cat([self._pool(images[..., :2, :, :], -1), self._pool(images[..., 2:, :, :], -2)], -3)
-
-    def _orientation(self, image: Tensor) -> Tensor:
-        """The three orientations in every field, `[..., 3, R, C']`."""
-        filters = self.features.orientation
-        size = filters.magnitudes_of_thinned(filters.thinned(image))  # [..., grids, 3, h, w]
-        rows, columns = self.dog_rows.to(size.dtype), self.dog_columns.to(size.dtype)
-        return (rows.unsqueeze(1) @ size @ columns.unsqueeze(1).mT).sum(-4)

@@ -1,22 +1,14 @@
-"""Filters over time: low- and high-pass, running maximum, change of the sampling rate, the alpha-beta filter."""
+"""Filters over time: low- and high-pass, running maximum, change of the sampling rate."""
 
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple, TypeVar, overload
+from typing import Literal, NamedTuple, overload
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import (
-    check_number,
-    check_state,
-    check_tensor,
-    is_finite,
-    is_number,
-)
+from ndtorch.arguments import check_number, check_state, check_tensor, is_finite, is_number
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import safe_state
 
@@ -227,9 +219,8 @@ class HighPass(LowPass):
     """
 
     def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
-        """`forward` without checks, for modules that have checked x."""
-        lows, low = low_pass(x, state and state.low, self.tau, self.dt, -1 - self.sample_dims, self.discretization)
-        return x - lows, FilterState(low)
+        lows, state = super().scan(x, state)
+        return x - lows, state
 
 
 @safe_state
@@ -333,11 +324,9 @@ class Resample(nn.Module):
     def scan(self, x: Tensor, state: ResampleState | None) -> tuple[Tensor, ResampleState]:
         """`forward` without checks, for modules that have checked x."""
         if self.identity:
-            steps = counter(0) if state is None else state.taken
+            steps = torch.zeros((), dtype=torch.int64) if state is None else state.taken
             return x, ResampleState(x[..., -1, :], steps + x.shape[-2], steps + x.shape[-2])
-        taken = 0 if state is None else int(state.taken)
-        given = 0 if state is None else int(state.given)
-        last = x[..., 0, :] if state is None else state.last
+        last, taken, given = (x[..., 0, :], 0, 0) if state is None else (state.last, int(state.taken), int(state.given))
         length = x.shape[-2]
         end = taken + length
         # A hair of slack: output times that coincide with a frame must not wait for the next one.
@@ -349,25 +338,4 @@ class Resample(nn.Module):
         left = left.to(x.device)
         samples = torch.cat([last.unsqueeze(-2), x], -2)
         out = torch.lerp(samples.index_select(-2, left), samples.index_select(-2, left + 1), share)
-        return out, ResampleState(x[..., -1, :], counter(end), counter(max(upto, given)))
-
-
-def counter(n: int) -> Tensor:
-    return torch.tensor(n, dtype=torch.int64)
-
-
-Places = TypeVar("Places", Tensor, npt.NDArray[np.float64])
-
-
-def predicted(place: Places, velocity: Places, dt: float) -> Places:
-    """Where a thing is `dt` seconds later, `[..., 2]`."""
-    return place + velocity * dt
-
-
-def corrected(
-    place: Places, velocity: Places, residual: Places, alpha: float | Tensor, beta: float | Tensor, dt: float
-) -> tuple[Places, Places]:
-    """Place and velocity `[..., 2]` after the share `alpha` of the residual (observed less predicted place, zero where
-    nothing was seen), and `beta` of it over `dt` seconds.
-    """
-    return place + alpha * residual, velocity + beta * residual / dt
+        return out, ResampleState(x[..., -1, :], torch.tensor(end), torch.tensor(max(upto, given)))

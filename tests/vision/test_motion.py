@@ -8,7 +8,6 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from torch.autograd import gradcheck
 
 from ndtorch.vision import HassensteinReichardt
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, row_shift
@@ -68,9 +67,6 @@ def test_gradients_of_images_and_sums(border: Border) -> None:
     assert torch.autograd.gradcheck(sums, (frames[:, 0],))
 
 
-SENSORS = [NDMin(), NDMinus(), NDS(), NDS(tau_low=0.02), ChahlSrinivasan()]
-
-
 def video(*shape, dtype=torch.float32, seed=0):
     return torch.rand(*shape, dtype=dtype, generator=torch.Generator().manual_seed(seed))
 
@@ -112,13 +108,6 @@ def test_nd_minus_ignores_uniform_flicker(seed):
     x = video(6, 1, 1, 1, seed=seed).expand(6, 1, 3, 8)
     assert NDMinus()(x)[0].abs().max() == 0
     assert NDMin()(x)[0].abs().max() > 0
-
-
-@pytest.mark.parametrize("sensor", SENSORS, ids=lambda s: type(s).__name__)
-def test_gradients_and_precision(sensor):
-    x = video(3, 1, 1, 6, dtype=torch.float64)
-    assert gradcheck(lambda y: sensor(y)[0], (x.requires_grad_(),))
-    torch.testing.assert_close(sensor(x.float())[0].double(), sensor(x)[0], atol=1e-5, rtol=1e-4)
 
 
 def test_spatial_maximum():

@@ -13,7 +13,6 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.mapping.grid_map import check_observations
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.stereo.ranging import Ranges
-from ndtorch.vision.temporal import corrected, predicted
 
 
 class Observations(NamedTuple):
@@ -141,7 +140,7 @@ class AlphaBetaTracker(nn.Module):
         dt = self.dt
         alive = state.unseen <= MAX_LOST_S
         unseen = torch.where(alive, state.unseen + dt, math.inf)
-        place = predicted(state.place, state.velocity, dt)
+        place = state.place + state.velocity * dt
         distance = torch.linalg.vector_norm(place.unsqueeze(-2) - seen.unsqueeze(-3), dim=-1)
         distance = torch.where(alive.unsqueeze(-1) & valid.unsqueeze(-2), distance, math.inf)
         nearest, index = distance.min(-1)
@@ -151,7 +150,7 @@ class AlphaBetaTracker(nn.Module):
         residual = torch.where(
             hit.unsqueeze(-1), seen.gather(-2, index.unsqueeze(-1).expand(*index.shape, 2)) - place, 0.0
         )
-        place, velocity = corrected(place, state.velocity, residual, self.alpha, self.beta, dt)
+        place, velocity = place + self.alpha * residual, state.velocity + self.beta * residual / dt
         unseen, age = torch.where(hit, 0.0, unseen), state.age + dt
 
         # An observation begins a track in the emptiest slot unless it lies within the gate of one.
