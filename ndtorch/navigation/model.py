@@ -233,7 +233,8 @@ class Navigator(nn.Module):
         # The command
         unit, ranged, moved = self.unit_m, ranges, last
         if unit != 1:
-            place, ranged = pose_in(place, unit), ranges_in(ranges, unit)
+            place = pose_in(place, unit)
+            ranged = ranges._replace(left_range=ranges.left_range / unit, x=ranges.x / unit, y=ranges.y / unit)
             moved = Command(last.speed / unit, last.curvature * unit)
         command, control = controller.step(seen, ranged, place, moved, control)
         if unit != 1:
@@ -254,11 +255,8 @@ class Navigator(nn.Module):
         return command, complete
 
     def see(self, left: Strips, right: Strips, t: int, state: NavigatorState | None) -> tuple[Any, ...]:
-        """Frame number t: what both cameras show in subfields and rows, and what the controller and the ranging see.
-
-        Returns:
-            Subfields and rows of both cameras, what the controller steers by, image speeds on both sides, ranges, and
-            the states of the filters of subfields and rows.
+        """Frame number t: subfields and rows of both cameras, what the controller steers by, image speeds on both
+        sides, ranges, and the states of the filters of subfields and rows.
         """
         controller: Controller = self._modules["controller"]  # type: ignore[assignment]
         ranging: StereoRanging = self._modules["ranging"]  # type: ignore[assignment]
@@ -285,10 +283,7 @@ class Navigator(nn.Module):
     ) -> Any:
         """The controller's state after a check of what is near, if it stands, and after what it asks for.
 
-        Args:
-            frames, rows: of both cameras; ranges and pose are in units of the body.
-            last: driven on the path to the pose.
-            begins: this is the first frame, or the first one after a fault.
+        Ranges and pose are in units of the body; `last` was driven on the path to the pose.
         """
         assert self.near is not None
         near = self.near
@@ -388,10 +383,6 @@ def frames_shape(left: Strips, right: Strips) -> tuple[int, ...]:
 
 def pose_in(pose: Pose, unit: float) -> Pose:
     return Pose(pose.x / unit, pose.y / unit, pose.heading)
-
-
-def ranges_in(ranges: Ranges, unit: float) -> Ranges:
-    return ranges._replace(left_range=ranges.left_range / unit, x=ranges.x / unit, y=ranges.y / unit)
 
 
 def one_car(tree: Any, n: int, dims: int) -> Any:

@@ -83,13 +83,7 @@ NOWHERE = Obstacles(np.zeros(0, np.float32), np.zeros(0, np.float32))
 
 
 class ProximityCheck:
-    """Detects obstacles right before the car, and whether floor is seen there.
-
-    Args:
-        rig: the camera pair; with a body, its lengths and all results are in units of that.
-        rects: the subfields of both images.
-        body: of the robot; the car of [A] by default.
-    """
+    """Detects obstacles right before the car, and whether floor is seen there; lengths are in units of the body."""
 
     def __init__(self, rig: StereoRig, rects: tuple[Rect, Rect], body: Body | None = None) -> None:
         body = Body() if body is None else body

@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import torch
@@ -81,18 +80,10 @@ class StereoBag:
 
     Images are rectified by the calibration unless it, or the name of their topics, says that they are.
 
-    Args:
-        path: a folder or file of ROS 2, a file of ROS 1, or one of MCAP.
-        left, right: topics of the images; by default the only pair whose names differ by the side.
-        odometry: topic; the first one of motion by default, see `MOTIONS`.
-        calibration: files that `load_calibration` reads; the topics camera_info by default.
-        apart_s: most seconds between both images of a pair; by default a quarter of the time between frames.
-        where: `camera_height`, `pitch` and `forward` of the rig, which no bag knows.
+    Arguments are those of `ndtorch import`; `where` are `camera_height`, `pitch` and `forward` of the rig.
 
     Attributes:
-        topics, rig, rate: topics and geometry that are used, and the frames a second.
         by_log: whether times are those at which messages were recorded, since images have no stamps that increase.
-        moves: the motion that has been read.
         nearest_s: least seconds between images of both cameras, where there was no pair yet.
 
     Raises:
@@ -120,7 +111,7 @@ class StereoBag:
             period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
             if not period > 0:
                 raise InputError(f"{self.topics.left} has fewer than two images whose times increase")
-            height, width = image_of(first[0][1]).shape[2:]
+            height, width = ros.image_pixels(first[0][1]).shape[2:]
             if calibration:
                 self.calibration = load_calibration(*calibration, width=width, height=height)
             else:
@@ -172,7 +163,7 @@ class StereoBag:
                         yield self.frames(left, right, last), self.moves.mean()
 
     def frames(self, left: Any, right: Any, time: float) -> StereoFrames:
-        images = [image_of(message) for message in (left, right)]
+        images = [ros.image_pixels(message) for message in (left, right)]
         for image in images:
             if (image.shape[3], image.shape[2]) != self.calibration.size:
                 raise InputError(f"images of {tuple(image.shape[:1:-1])}, and a calibration of {self.calibration.size}")
@@ -192,22 +183,10 @@ class StereoBag:
         return log if self.by_log or not hasattr(message, "header") else ros.stamp_seconds(message) or log
 
 
-def image_of(message: Any) -> torch.Tensor:
-    """Pixels `[1, C, H, W]` uint8 of an image, or of a compressed one."""
-    if hasattr(message, "encoding"):
-        return ros.image_pixels(message)
-    decoded = cv2.imdecode(np.asarray(message.data), cv2.IMREAD_ANYCOLOR) if len(message.data) else None
-    if decoded is None:
-        raise InputError(f"an image that cannot be decoded ({message.format!r})")
-    array = np.atleast_3d(np.asarray(decoded, np.uint8))[..., ::-1]
-    return torch.from_numpy(np.ascontiguousarray(array)).permute(2, 0, 1)[None]
-
-
 class Moves:
     """The motion of a body in the plane, by poses, or by speeds where poses are missing or stay the same.
 
-    Attributes:
-        path_m, up_m: how far it moved in the plane, and across it; the second is small if the axes are right.
+    `path_m` and `up_m` are how far it moved in the plane, and across it; the second is small if the axes are right.
     """
 
     def __init__(self) -> None:

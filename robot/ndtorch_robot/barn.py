@@ -42,7 +42,6 @@ class BarnWorld(Strict, extra="ignore"):
 
     @property
     def is_test(self) -> bool:
-        """Whether the world is kept for reports."""
         return self.world % TEST_EVERY == 0
 
     def score(self, seconds: float | None) -> float:
@@ -52,22 +51,14 @@ class BarnWorld(Strict, extra="ignore"):
 
 
 class BarnFile(Strict, extra="ignore"):
-    """A file of worlds.
+    """A file of worlds."""
 
-    Attributes:
-        radius_m, height_m: of all cylinders.
-        goal_radius_m: the goal is reached this near to it.
-        time_limit_s: time allowed.
-        start: x, y, m, and heading, degrees.
-        goal: m.
-    """
-
-    radius_m: Positive
+    radius_m: Positive  # radius, height: of all cylinders
     height_m: Positive
-    goal_radius_m: float
+    goal_radius_m: float  # the goal is reached this near to it
     time_limit_s: Positive
-    start: tuple[float, float, float]
-    goal: Point
+    start: tuple[float, float, float]  # x, y, m, and heading, degrees
+    goal: Point  # m
     worlds: tuple[BarnWorld, ...]
 
     def plan(self, world: BarnWorld) -> Plan:
@@ -97,10 +88,6 @@ def attempt(job: tuple[BarnFile, RobotOptions]) -> dict[str, Any]:
     """Drive through the first world of a file, by the loop and the safety layer of every other drive.
 
     The car knows the goal and its start; of the cylinders it knows what it sees.
-
-    Returns:
-        What came of it: time until the goal, a collision or the end of the time, the score of the challenge, and the
-        median of a navigation step.
     """
     (file, options), world = job, job[0].worlds[0]
     if controller_class(options.controller).has_goals:

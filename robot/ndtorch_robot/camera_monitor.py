@@ -54,7 +54,6 @@ class CameraMonitor:
     car moves. After `patience_s`: images without contrast, and cameras that are lit unequally.
 
     Args:
-        rig: the camera pair.
         rate_hz: frames a second that the navigator relies on.
         max_age_s: age from which frames are too old.
         patience_s: time for which images must show nothing, or be unequally lit, before the car stops, s.

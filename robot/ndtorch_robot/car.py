@@ -75,10 +75,7 @@ class Car:
     takes too long delays the next one and is counted in `late`; missed steps are not made up for.
 
     Args:
-        runner: the navigator and its state.
-        cameras: give the frames.
         safe: the safety layer, with the drive behind it and the clock of the loop.
-        observers: called after every step.
         go: True drives off at the first good frames; False waits for `resume`; None is for a simulation without a
             person.
         steer: changes the command of the navigator before it is sent, for comparisons.
@@ -88,7 +85,6 @@ class Car:
         troubles: reasons for which the navigator stopped, each once.
         ended: set it, from any thread, to end the drive after the step.
         steps, late: number of steps so far, and of those that came late.
-        timer: times of the parts of a step.
     """
 
     def __init__(

@@ -149,12 +149,7 @@ def summarise(
 class Respawn:
     """An observer that respawns a car that its controller or its cameras have stopped for 2 s, as a person would.
 
-    Args:
-        simulation, runner, safe: of the car.
-        end: raise `InputError` for faults other than blank walls: simulated cameras do not recover.
-
-    Attributes:
-        stops: times at which it stopped for good.
+    With `end` it raises `InputError` for faults other than blank walls: simulated cameras do not recover.
     """
 
     def __init__(self, simulation: Simulation, runner: NavigatorRunner, safe: SafeDrive, end: bool = False) -> None:

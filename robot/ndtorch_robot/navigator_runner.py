@@ -37,17 +37,9 @@ class NavigatorRunner:
     its map.
 
     Args:
-        options: of the navigator.
-        rig: the cameras.
         rate: steps a second.
         grid: of a map to make, which changes no command.
         near_check: check the space right ahead at the start and after every fault.
-        body: of the robot; the car of [A] by default.
-
-    Attributes:
-        navigator: gives the commands.
-        rig, fields: the cameras, and the rectangles that are read of each.
-        state: of the navigator after the last step.
     """
 
     def __init__(

@@ -71,9 +71,6 @@ class Recorder(StepThread):
         report: called with one line when recording ends before it should.
         whole: keep frames as they come.
 
-    Attributes:
-        steps: number of steps written.
-
     Raises:
         InputError: a file that exists already or cannot be made, or of another suffix.
     """
@@ -203,18 +200,12 @@ class Recorder(StepThread):
 
 @dataclass
 class Recording:
-    """A recording on the disk.
-
-    Attributes:
-        configuration: of `NavigatorRunner`.
-        complete: whether its end says that the recording was closed; known after reading.
-        missing: number of steps that are not there or damaged; known after reading.
-    """
+    """A recording on the disk; `complete` and `missing` are known after reading."""
 
     path: Path
-    configuration: dict[str, Any]
-    complete: bool = False
-    missing: int = 0
+    configuration: dict[str, Any]  # of `NavigatorRunner`
+    complete: bool = False  # whether its end says that it was closed
+    missing: int = 0  # number of steps that are not there or damaged
 
     def steps(self) -> Iterator[Step]:
         """All steps but those that are damaged or not wholly there, without the state of the navigator.
@@ -354,16 +345,11 @@ def make_runner(configuration: dict[str, Any], mapping: bool = False) -> Navigat
 
 @dataclass
 class Comparison:
-    """How a replay compares with what was recorded.
+    """How a replay compares with what was recorded."""
 
-    Attributes:
-        steps, same: number of steps replayed, and of those with the same command to the bit.
-        first_different: number of the first other one.
-    """
-
-    steps: int = 0
+    steps: int = 0  # steps, same: number of steps replayed, and of those with the same command to the bit
     same: int = 0
-    first_different: int | None = None
+    first_different: int | None = None  # number of the first other one
 
 
 def replay(

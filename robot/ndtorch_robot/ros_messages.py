@@ -78,11 +78,6 @@ def quaternion(heading: float) -> Any:
     return new("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2))
 
 
-def yaw(q: Any) -> float:
-    """Heading of a quaternion, radians."""
-    return math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
-
-
 def ros_pose(pose: Pose) -> Any:
     return new("geometry_msgs/msg/Pose", vector(pose.x, pose.y, name="Point"), quaternion(float(pose.heading)))
 
@@ -139,11 +134,18 @@ def image(pixels: torch.Tensor, frame: str, time: float) -> Any:
 
 
 def image_pixels(message: Any) -> torch.Tensor:
-    """Pixels `[1, C, H, W]` uint8, C = 3 (RGB) or 1, of a `sensor_msgs/Image`; mosaics, YUV and 16 bits are converted.
+    """Pixels `[1, C, H, W]` uint8, C = 3 (RGB) or 1, of a `sensor_msgs/Image` or `CompressedImage`.
+
+    Mosaics, YUV and 16 bits are converted.
 
     Raises:
         InputError: an encoding that is not read, or a size that does not fit the data.
     """
+    if hasattr(message, "format"):
+        decoded = cv2.imdecode(np.asarray(message.data), cv2.IMREAD_ANYCOLOR) if len(message.data) else None
+        if decoded is None:
+            raise InputError(f"an image that cannot be decoded ({message.format!r})")
+        return torch.from_numpy(np.array(np.atleast_3d(decoded)[..., ::-1], np.uint8)).permute(2, 0, 1)[None]
     name = message.encoding.replace("16", "8")
     if name not in ENCODINGS:
         raise InputError(f"images of encoding {message.encoding!r} are not read; {', '.join(ENCODINGS)} are")
@@ -160,7 +162,8 @@ def image_pixels(message: Any) -> torch.Tensor:
     return torch.from_numpy(np.array(array)).permute(2, 0, 1)[None]
 
 
-PLANES = ("nv12", "nv21", "i420")
+MOSAICS = ("RGGB", "BGGR", "GBRG", "GRBG")
+PLANES = ("nv12", "nv21")
 """Encodings with the rows of both colors below those of brightness."""
 
 ENCODINGS = {
@@ -171,17 +174,13 @@ ENCODINGS = {
     "bgra8": (4, cv2.COLOR_BGRA2RGB),
     "mono8": (1, None),
     "8UC1": (1, None),
-    "bayer_rggb8": (1, cv2.COLOR_BayerBG2RGB),
-    "bayer_bggr8": (1, cv2.COLOR_BayerRG2RGB),
-    "bayer_gbrg8": (1, cv2.COLOR_BayerGR2RGB),
-    "bayer_grbg8": (1, cv2.COLOR_BayerGB2RGB),
+    **{f"bayer_{order.lower()}8": (1, getattr(cv2, f"COLOR_Bayer{order}2RGB")) for order in MOSAICS},
     "yuv422": (2, cv2.COLOR_YUV2RGB_UYVY),
     "uyvy": (2, cv2.COLOR_YUV2RGB_UYVY),
     "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUY2),
     "yuyv": (2, cv2.COLOR_YUV2RGB_YUY2),
     "nv12": (1, cv2.COLOR_YUV2RGB_NV12),
     "nv21": (1, cv2.COLOR_YUV2RGB_NV21),
-    "i420": (1, cv2.COLOR_YUV2RGB_I420),
 }
 """Encodings of images that are read, those of 16 bits as those of 8: bytes of a pixel, and conversion of OpenCV to red,
 green, blue."""

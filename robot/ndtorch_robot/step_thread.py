@@ -14,15 +14,9 @@ class StepThread(Closing):
     """Handles what the loop gives it in a thread; the loop never waits, and drives on when the thread fails.
 
     Args:
-        name: of what it is, for messages.
         size: items that may wait.
         when_full: `"drop"` the new item, keep the `"newest"` alone, or `"wait"`, for a simulation or a replay.
-        report: called with one line when it ends before it should.
         poll_s: seconds between two calls of `idle` at most.
-
-    Attributes:
-        dropped: number of items that were not handled.
-        failed: why it has ended, or nothing.
     """
 
     def __init__(
@@ -35,7 +29,7 @@ class StepThread(Closing):
     ) -> None:
         self.name, self.when_full, self.report_failure, self.poll_s = name, when_full, report, poll_s
         self.queue: queue.Queue[Any] = queue.Queue(size)
-        self.dropped, self.failed = 0, ""
+        self.dropped, self.failed = 0, ""  # number of items that were not handled, and why it has ended
         self.thread = threading.Thread(target=self.run, name=name, daemon=True)
         self.thread.start()
 

@@ -59,13 +59,7 @@ SERIES = {
 
 
 def open_stream(name: str, file: Path | None = None, viewer: str = "", plan: Plan | None = None) -> Any:
-    """A rerun stream with its sinks.
-
-    Args:
-        name: of the recording.
-        file: a `.rrd` file.
-        viewer: `ADDRESS` or `ADDRESS:PORT` of a viewer that is running.
-        plan: of the building, where it is known.
+    """A rerun stream into a `.rrd` file, and to a running viewer at `ADDRESS` or `ADDRESS:PORT`.
 
     Raises:
         InputError: rerun is not installed, the file cannot be written, or no viewer is there.
@@ -106,15 +100,8 @@ class View(StepThread):
     counted. When showing fails it is over, which is reported once, and the car drives on.
 
     Args:
-        stream: of `open_stream`.
-        runner: whose steps are shown.
-        report: called when showing ends before it should.
         wait: wait for room instead, for a replay or a simulated drive.
-        plan: of the building, where it is known.
-        truth: the true pose, where it is known.
-
-    Attributes:
-        shown: steps so far.
+        plan, truth: of the building and the true pose, where they are known.
     """
 
     def __init__(

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
 
 from torch import nn
 
-from ndtorch.errors import InputError, did_you_mean
+from ndtorch.errors import InputError
 from ndtorch.navigation.body import Body, params_for_body
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.proximity import Obstacles, ProximityScan
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
+from ndtorch.utils.registry import Registry
 
 CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED = 0, 1, 2, 3, 4, 5
 """What a controller can be doing, the numbers of `Controller.mode`."""
@@ -158,7 +156,8 @@ DEFAULT_CONTROLLER = "ranging"
 
 AnyController = TypeVar("AnyController", bound=type[Controller])
 
-_kinds: dict[tuple[str, str], type[Controller]] = {}
+CONTROLLERS: Registry[dict[str, type[Controller]]] = Registry("controller", __name__.rpartition(".")[0])
+"""Classes by name and backend."""
 
 
 def register(kind: AnyController) -> AnyController:
@@ -167,18 +166,10 @@ def register(kind: AnyController) -> AnyController:
     Raises:
         InputError: another controller has both.
     """
-    known = _kinds.setdefault((kind.name, kind.backend), kind)
+    known = CONTROLLERS.setdefault(kind.name, {}).setdefault(kind.backend, kind)
     if known.__qualname__ != kind.__qualname__:
         raise InputError(f"there is a controller {kind.name!r} already, {known.__module__}.{known.__qualname__}")
     return kind
-
-
-@cache
-def load_own() -> None:
-    """Import every file and folder beside this one, so that their controllers are registered."""
-    package = __name__.rpartition(".")[0]
-    for entry in pkgutil.iter_modules(importlib.import_module(package).__path__):
-        importlib.import_module(f"{package}.{entry.name}")
 
 
 def controller_names() -> tuple[str, ...]:
@@ -187,8 +178,7 @@ def controller_names() -> tuple[str, ...]:
     >>> controller_names()
     ('ranging', 'goal', 'published')
     """
-    load_own()
-    return (DEFAULT_CONTROLLER, *sorted({name for name, _ in _kinds} - {DEFAULT_CONTROLLER}))
+    return (DEFAULT_CONTROLLER, *sorted(CONTROLLERS.load().keys() - {DEFAULT_CONTROLLER}))
 
 
 def controller_class(name: str, backend: str = "auto") -> type[Controller]:
@@ -200,14 +190,11 @@ def controller_class(name: str, backend: str = "auto") -> type[Controller]:
     Raises:
         InputError: no such controller, or not with this backend.
     """
-    names = controller_names()
-    if name not in names:
-        raise InputError(f"controller must be one of {', '.join(names)}, got {name!r}{did_you_mean(name, names)}")
-    kinds = {kind: _kinds[name, kind] for kind in ("numba", "torch") if (name, kind) in _kinds}
-    for kind, chosen in kinds.items():
-        if backend in ("auto", kind):
-            return chosen
-    raise InputError(f"the {name} controller has the backend {' and '.join(kinds)}, got backend={backend!r}")
+    kinds = CONTROLLERS.find(name)
+    for kind in ("numba", "torch"):
+        if kind in kinds and backend in ("auto", kind):
+            return kinds[kind]
+    raise InputError(f"the {name} controller has the backend {' and '.join(sorted(kinds))}, got backend={backend!r}")
 
 
 def make_controller(

@@ -121,9 +121,6 @@ class GoalControl(RangingControl):
     A few times a second a path is planned, ahead and backward, with arcs that the car can drive and its footprint.
     In between it is tracked by pure pursuit. If the arcs of the reactive controller are blocked, the car
     stops, and after a second the reactive controller drives alone for another one.
-
-    Args:
-        rig, dt, params: as `Controller`.
     """
 
     name, Params, modes = "goal", GoalParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED)
@@ -197,12 +194,7 @@ class GoalControl(RangingControl):
         return command, state._replace(reactive=reactive)
 
     def drive(self, lengths: Array, pose: Pose, reaction: Command, state: GoalState) -> tuple[Command, GoalState]:
-        """The command that the plan wants.
-
-        Args:
-            lengths: of the reactive arcs, `[2, A]`, m.
-            pose, reaction: where the car is, and what the reactive controller would do.
-        """
+        """The command that the plan wants; `lengths` are those of the reactive arcs, `[2, A]`, m."""
         here: Place = (pose.x, pose.y, pose.heading)
         goal, idle = self.task_goal(state), state.idle + 1
         arrived = goal is not None and math.dist(goal, here[:2]) <= self.params.goal_tolerance_m

@@ -75,10 +75,6 @@ class SubfieldMotion(nn.Module):
             -> `[..., T, 2]`: left and right estimates in the units of the thresholds of [A], raw output x 20.
         State: the subfields, `[..., 2, h, w]`; `None` settles on the first frame.
 
-    Args:
-        rig: the camera pair.
-        dt: time step, s.
-
     Raises:
         InputError: frames that cannot be used (see `grey_pair`), or NaN, infinity or values far beyond 1 in
             them; subfields outside the frame.
@@ -202,10 +198,6 @@ class PublishedControl(Controller):
 
     Ranges and poses do not matter to it. What is seen is `[..., 2]`, see `SubfieldMotion`. This one is differentiable
     and steps any batch; `CompiledPublished` is the same for one car.
-
-    Args:
-        rig, dt: as `Controller`.
-        params: of `SaccadeAvoidance`.
     """
 
     name, Params, modes = "published", AvoidanceParams, (CRUISE, TURN, SUPPRESSED, STOPPED)

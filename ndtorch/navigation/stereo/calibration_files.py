@@ -149,8 +149,9 @@ def of_tables(
     if singles == [True, True] and "T_BS" not in both:
         return ros_pair(left, right, unit)
     if len(tables) == 1 and not {"R", "T", "M1"} & left.keys() and len(matrices) > max(cameras):
-        first, second = (rectified_camera(array(left[matrices[n]]).reshape(3, 4), unit) for n in cameras)
-        return StereoCalibration(first, second, image_size(left) if "image_width" in left else None)
+        projections = (array(left[matrices[n]]).reshape(3, 4) for n in cameras)
+        pair = [PairCamera(p[:, :3], np.zeros(5), np.eye(3), p * (1, 1, 1, unit)) for p in projections]
+        return StereoCalibration(pair[0], pair[1], image_size(left) if "image_width" in left else None)
     if len(tables) == 2 and all("T_BS" in table for table in tables):
         poses = [array(one["T_BS"]).reshape(4, 4) for one in tables]
         motion = np.linalg.inv(poses[1]) @ poses[0]
@@ -234,11 +235,6 @@ def stereo_calibration(
     )
     first, second = PairCamera(*lenses[:2], r1, p1, fisheye), PairCamera(*lenses[2:], r2, p2, fisheye)
     return StereoCalibration(first, second, size)
-
-
-def rectified_camera(projection: Floats, unit: float) -> PairCamera:
-    """A camera whose images are rectified, from its projection matrix `[3, 4]`."""
-    return PairCamera(projection[:, :3], np.zeros(5), np.eye(3), projection * (1, 1, 1, unit))
 
 
 def is_fisheye(camera: Mapping[str, Any]) -> bool:

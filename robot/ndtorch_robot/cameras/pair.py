@@ -94,14 +94,8 @@ class Pairing:
 class CameraReader:
     """Reads one source in a thread, and hands over every frame with the time at which it was taken.
 
-    A camera that is lost is opened again, with growing pauses, until it is back or the reader is closed.
-
-    Args:
-        source, settings, opener: what to open and how.
-        deliver: called with each frame, in the thread of the reader.
-
-    Attributes:
-        trouble: why there are no frames at present, or nothing.
+    A camera that is lost is opened again, with growing pauses, until it is back or the reader is closed. Meanwhile
+    `trouble` says why there are no frames.
     """
 
     def __init__(

@@ -19,7 +19,6 @@ class PicameraCapture:
     Args:
         number: of the module in `rpicam-hello --list-cameras`.
         size: width and height of a frame, both even.
-        rate_hz: frames a second.
         exposure_ms: fixed exposure; None is automatic.
 
     Raises:

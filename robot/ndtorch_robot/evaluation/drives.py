@@ -32,12 +32,10 @@ def drive_many(
     out: Path,
     processes: int = 0,
 ) -> tuple[list[Result], int]:
-    """Do those jobs whose results are not in `out`/drives, where they stay for the next time.
+    """Do those jobs, by name, whose results are not in `out`/drives, where they stay for the next time.
 
     Args:
-        work: does one job in a process of its own.
-        jobs: by the names that messages give them.
-        key: what the result depends on, for JSON.
+        key: what a result depends on, for JSON.
         seconds: simulated time of a job, for the progress.
         processes: number of jobs at a time; 0 is one a core.
 

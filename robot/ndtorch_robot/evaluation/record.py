@@ -26,10 +26,6 @@ NAMES = ("time", *POSES, "command", "sides", "difference", "mode", "ranges")
 class Record:
     """An observer that keeps every step in which the navigator was asked.
 
-    Args:
-        runner: of the car.
-        true_pose: for the scorer.
-
     Attributes:
         values: of every step by name, see `NAMES`; ranges are left range, left angle, right angle, valid, `[4, n]`.
         rows: both grey rows, uint8 `[2, W]`, of the first `KEPT_ROWS` frames.

@@ -24,17 +24,17 @@ SERIAL, SIMULATED_BOARD, HOSTED_BOARD, SIMULATED_WORLD = "serial", "simulated-bo
 
 @dataclass(frozen=True)
 class Opening:
-    """What a link is opened with.
+    """What a link is opened with."""
 
-    Attributes:
-        board_name: name that the board must have.
-        report: called for every event.
-        simulation: the world in which the car is to move, where it is a simulated one.
-    """
-
-    board_name: str
+    board_name: str  # that the board must have
     report: Report
-    simulation: Simulation | None = None
+    simulation: Simulation | None = None  # the world in which the car is to move, where it is a simulated one
+
+    @property
+    def world(self) -> Simulation:
+        if self.simulation is None:
+            raise InputError("a link to a simulated car needs the table [simulation]")
+        return self.simulation
 
 
 LINKS: Registry[Callable[..., Drive]] = Registry("link.kind", __name__)

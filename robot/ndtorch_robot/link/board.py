@@ -6,7 +6,6 @@ of its own, without torch.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from enum import Enum, auto
 from typing import NamedTuple
 
@@ -81,15 +80,8 @@ class Gear(Enum):
 class Board:
     """The board, at any time of the caller: it answers bytes by bytes, and gives the pulses of the car.
 
-    Args:
-        name: in its welcome.
-        settings: of the car.
-        brakes_first: the motor controller takes the first pulse below neutral for the brake.
-
-    Attributes:
-        armed: whether it obeys commands.
-        speed: after the ramp, mm/s.
-        widths: of the pulses of motor, front and rear, us.
+    Where `brakes_first`, the motor controller takes the first pulse below neutral for the brake. `speed` is that after
+    the ramp, mm/s, and `widths` are those of the pulses of motor, front and rear, us.
     """
 
     def __init__(self, name: str, settings: BoardSettings | None = None, brakes_first: bool = True) -> None:
@@ -148,7 +140,8 @@ class Board:
 
     def receive(self, data: bytes) -> bytes:
         out = b""
-        for piece in split(data):
+        *ended, rest = data.split(b"\0")
+        for piece in (*(part + b"\0" for part in ended), rest):  # frames are handled in the order in which they end
             frames = self.parser.feed(piece)
             for _ in range(self.parser.refused - self.refused):
                 self.refuse()
@@ -266,9 +259,3 @@ class Board:
 
 def clip(value: int, most: int) -> int:
     return min(max(value, -most), most)
-
-
-def split(data: bytes) -> Iterable[bytes]:
-    """Pieces that end in a zero byte, and the rest: frames are handled in the order in which they end."""
-    *ended, rest = data.split(b"\0")
-    return [*(piece + b"\0" for piece in ended), rest]

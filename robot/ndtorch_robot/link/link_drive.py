@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from ndtorch_robot.link.messages import (
     VERSION,
+    WIDEST,
     LinkFault,
     LinkFrame,
     Parser,
@@ -20,7 +21,6 @@ from ndtorch_robot.link.messages import (
     board_name,
     command_body,
     encode_frame,
-    quantised,
     read_telemetry,
 )
 from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
@@ -55,17 +55,7 @@ class LinkDrive(Drive):
     After opening, after any fault and after any reconnection the car is stopped until `resume`. Its owner calls
     `handle` with the bytes from the board, `greet` often while the board is not known, and `look_after` every
     `HEARTBEAT` seconds: heartbeats go out only while the loop sends commands, and without heartbeats, or without
-    commands, the board stops by itself.
-
-    Args:
-        port: where frames are written to; None while it is gone.
-        now: the time, s.
-        board_name: name the board must have; any by default.
-        report: called once for every event, with one line.
-
-    Attributes:
-        heard: the latest telemetry, None before any.
-        refusal: why the board cannot be used at all, or None.
+    commands, the board stops by itself. `heard` is the latest telemetry, `refusal` why the board cannot be used at all.
     """
 
     def __init__(
@@ -93,7 +83,7 @@ class LinkDrive(Drive):
         self.commanded_at = now
         if not self.armed or now - command.time > OLDEST_COMMAND:
             return STAND
-        sent = quantised(wanted)
+        sent = DriveCommand(*(round(min(max(value, -WIDEST), WIDEST), 3) for value in wanted))
         return sent if self.send_message(Type.COMMAND, command_body(sent)) else STAND
 
     def stop(self) -> None:

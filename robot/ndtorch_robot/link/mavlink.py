@@ -39,17 +39,12 @@ SLOW = 0.05
 
 
 class MavlinkSettings(Strict):
-    """A connection to a vehicle.
+    """A connection to a vehicle."""
 
-    Args:
-        device: `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT`, `tcp:ADDRESS:PORT` or a serial port, as of pymavlink.
-        baud: symbols a second of a serial port.
-        system_id: of the vehicle; what other systems send is not listened to.
-    """
-
+    # udpin:ADDRESS:PORT, udpout:ADDRESS:PORT, tcp:ADDRESS:PORT or a serial port, as of pymavlink
     device: str = "udpin:127.0.0.1:14550"
-    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 921_600
-    system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 921_600  # symbols a second of a serial port
+    system_id: Annotated[int, Field(ge=1, le=255)] = 1  # of the vehicle; what other systems send is not listened to
 
 
 class MavlinkDrive(Drive):
@@ -57,14 +52,6 @@ class MavlinkDrive(Drive):
 
     It obeys while the autopilot is armed, in GUIDED, heard, and the loop sends commands. When one of these ends it
     stands until `resume`. A person arms it and sets its mode: who switches to MANUAL drives.
-
-    Args:
-        report: called once for every event, with one line.
-        now: the time, s.
-
-    Attributes:
-        dialect: the module with the messages and constants of MAVLink 2.
-        latest: last message of the autopilot of each type, and when it came.
 
     Raises:
         InputError: the device cannot be opened; no heartbeat of the system.
@@ -82,7 +69,7 @@ class MavlinkDrive(Drive):
             self.port = mavutil.mavlink_connection(settings.device, **address, dialect="common", autoreconnect=True)
         except (OSError, ValueError, IndexError) as error:
             raise InputError(f"{settings.device}: cannot be opened ({error})") from None
-        self.latest: dict[str, tuple[float, Any]] = {}
+        self.latest: dict[str, tuple[float, Any]] = {}  # last message of each type of the autopilot, and when it came
         self.lock, self.closing, self.heard = threading.RLock(), threading.Event(), threading.Event()
         # Receiving by UDP changes the set of addresses that sending walks; by TCP it may wait for a new connection.
         self.receiving = self.lock if settings.device.startswith("udp") else contextlib.nullcontext()

@@ -128,11 +128,6 @@ def decode_frame(coded: bytes) -> LinkFrame | None:
     return LinkFrame(version, kind, sequence, checked[HEADER.size :])
 
 
-def quantised(command: DriveCommand) -> DriveCommand:
-    """The command as it goes over the line: in thousandths, and no larger than fits."""
-    return DriveCommand(*(round(min(max(value, -WIDEST), WIDEST), 3) for value in command))
-
-
 def command_body(command: DriveCommand) -> bytes:
     """Speed in mm/s and curvature in 1/km, each a signed 16-bit number."""
     return COMMAND_BODY.pack(*(round(1000 * value) for value in command))
@@ -150,18 +145,12 @@ def read_telemetry(body: bytes) -> Telemetry:
 
 
 class Parser:
-    """Collects bytes and gives out the frames among them that are without error.
-
-    Attributes:
-        refused: frames with an error in them, so far.
-        other_version: version of the last good frame that was not of this version, or None.
-        received: bytes so far.
-    """
+    """Collects bytes and gives out the frames among them that are without error."""
 
     def __init__(self) -> None:
         self.collected = b""
-        self.refused = self.received = 0
-        self.other_version: int | None = None
+        self.refused = self.received = 0  # frames with an error in them, and bytes, so far
+        self.other_version: int | None = None  # of the last good frame that was not of this version
 
     def feed(self, data: bytes) -> list[LinkFrame]:
         """The frames that end in these bytes."""

@@ -1,4 +1,4 @@
-"""The board of a Raspberry Pi: a process between the loop and the pins, which speaks the protocol of the firmware.
+"""Drive links of a Raspberry Pi, whose board is a process between the loop and the pins with the firmware's protocol.
 
     python -m ndtorch_robot.link.pi_board KIND NAME SETTINGS
 
@@ -14,6 +14,7 @@ import os
 import pty
 import select
 import signal
+import subprocess
 import sys
 import time
 import tty
@@ -21,8 +22,11 @@ from typing import Any, Protocol
 
 from pydantic import Field
 
+from ndtorch.errors import InputError
 from ndtorch.utils.packages import need
+from ndtorch_robot.link import Opening, link
 from ndtorch_robot.link.board import NAMES, TICK_MS, Board, BoardSettings
+from ndtorch_robot.link.serial_drive import SerialDrive
 
 MODE1, PRESCALE, LED0, LED_BYTES = 0x00, 0xFE, 0x06, 4
 """Registers of the PCA9685; each of 16 channels has four: the counts at which its pulse begins and ends."""
@@ -158,6 +162,45 @@ def serve(kind: str, name: str, settings: str) -> None:
         board.stand()
         pins.show(board)
         pins.close()
+
+
+PROGRAM = (sys.executable, "-m", "ndtorch_robot.link.pi_board")
+
+
+class PiDrive(SerialDrive):
+    """A drive whose board is the process of `serve`, at the other end of a terminal.
+
+    It is a process, in a session of its own, because a thread would stop with the program. Nothing watches it in turn.
+
+    Raises:
+        InputError: the process does not start: no such bus or pin, or a library is missing.
+    """
+
+    def __init__(self, kind: str, settings: PiSettings, opening: Opening) -> None:
+        command = [*PROGRAM, kind, opening.board_name, settings.model_dump_json()]
+        pipe = subprocess.PIPE
+        self.board = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
+        assert self.board.stdout is not None
+        device = self.board.stdout.readline().strip()
+        if not device:
+            why = (self.board.communicate()[1].strip().splitlines() or ["no reason given"])[-1]
+            raise InputError(f"link.kind = {kind!r}: its board does not start: {why}")
+        super().__init__(device, board_name=opening.board_name, report=opening.report)
+
+    def close(self) -> None:
+        super().close()
+        if self.board.poll() is None:
+            self.board.communicate(timeout=2.0)  # ends its input
+
+
+@link("pca9685")
+def open_pca9685(settings: Pca9685Settings, opening: Opening) -> PiDrive:
+    return PiDrive("pca9685", settings, opening)
+
+
+@link("gpio")
+def open_gpio(settings: GpioSettings, opening: Opening) -> PiDrive:
+    return PiDrive("gpio", settings, opening)
 
 
 if __name__ == "__main__":

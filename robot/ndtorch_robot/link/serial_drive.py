@@ -29,22 +29,14 @@ READ_TIMEOUT, WRITE_TIMEOUT = 0.02, 0.05
 
 
 class SerialSettings(Strict):
-    """`[link]` of a car, where `kind` is `"serial"` or not given.
+    """`[link]` of a car, where `kind` is `"serial"` or not given."""
 
-    Args:
-        device: the port, best by `/dev/serial/by-id`.
-        baud: symbols a second; the firmware's.
-    """
-
-    device: str
-    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 500_000
+    device: str  # the port, best by /dev/serial/by-id
+    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 500_000  # symbols a second; the firmware's
 
 
 class SerialDrive(LinkDrive):
     """A drive over a serial line, with two threads: one listens and reconnects, one sends heartbeats.
-
-    Args:
-        greeting: seconds to wait for the first welcome.
 
     Raises:
         InputError: no such device, no permission, in use, no answer, wrong baud, another protocol version, or
@@ -59,7 +51,7 @@ class SerialDrive(LinkDrive):
         baud: int = 500_000,
         board_name: str | None = None,
         report: Report = print,
-        greeting: float = GREETING,
+        greeting: float = GREETING,  # seconds to wait for the first welcome
     ) -> None:
         self.device, self.baud, self.closing = device, baud, threading.Event()
         super().__init__(open_port(device, baud), time.monotonic, board_name, report)

@@ -31,17 +31,8 @@ class SimulatedDrive(LinkDrive):
     In every step of simulated time the board runs, its pulses move the car, and the link reads the board's answers and
     sends its heartbeats. Implements `ports.CameraPair`, `ports.Clock` and the port of the link, too.
 
-    Args:
-        board: in Python, or the firmware's own code.
-        board_name: name that it must have.
-        real_time: simulated time does not run ahead of real time.
-
-    Attributes:
-        up, down: what the cable does to bytes from the computer to the board, and back.
-        pulsed: called with every pulse.
-
-    Raises:
-        InputError: the board does not answer, or is that of another car.
+    `up` and `down` are what the cable does to bytes from the computer to the board and back; `pulsed` is called with
+    every pulse. Raises `InputError` where the board does not answer, or is that of another car.
     """
 
     def __init__(
@@ -87,10 +78,8 @@ class SimulatedDrive(LinkDrive):
         self.waiting += data
 
     def read(self) -> StereoFrames:
-        """What both cameras see now, or with the next frame that is not lost. Board and link go on meanwhile."""
-        while self.simulation.loses_frame():
-            self.wait_until(self.now() + 1 / self.simulation.rate)
-        return self.simulation.capture()
+        """As `Simulation.read`; board and link go on meanwhile."""
+        return self.simulation.read(self.wait_until)
 
     def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
         return self, self
@@ -101,37 +90,22 @@ class SimulatedDrive(LinkDrive):
 
 
 class SimulatedSettings(Strict):
-    """`[link]` with `kind = "simulated-board"`, in Python, or `"hosted-board"`, the firmware compiled by `cc`.
+    """`[link]` with `kind = "simulated-board"`, in Python, or `"hosted-board"`, the firmware compiled by `cc`."""
 
-    Args:
-        real_time: Simulated time does not run ahead of real time.
-    """
-
-    real_time: bool = False
-
-
-class WorldSettings(Strict):
-    """`[link]` with `kind = "simulated-world"`, which has no further keys."""
+    real_time: bool = False  # simulated time does not run ahead of real time
 
 
 @link(HOSTED_BOARD)
 def open_hosted(settings: SimulatedSettings, opening: Opening) -> SimulatedDrive:
-    world = world_of(opening, HOSTED_BOARD)
-    return SimulatedDrive(world, FirmwareHost(), opening.board_name, opening.report, settings.real_time)
+    return SimulatedDrive(opening.world, FirmwareHost(), opening.board_name, opening.report, settings.real_time)
 
 
 @link(SIMULATED_BOARD)
 def open_simulated(settings: SimulatedSettings, opening: Opening) -> SimulatedDrive:
-    world, name = world_of(opening, SIMULATED_BOARD), opening.board_name
-    return SimulatedDrive(world, Board(name), name, opening.report, settings.real_time)
+    name = opening.board_name
+    return SimulatedDrive(opening.world, Board(name), name, opening.report, settings.real_time)
 
 
 @link(SIMULATED_WORLD)
-def open_world(settings: WorldSettings, opening: Opening) -> Simulation:
-    return world_of(opening, SIMULATED_WORLD)
-
-
-def world_of(opening: Opening, kind: str) -> Simulation:
-    if opening.simulation is None:
-        raise InputError(f"link.kind = {kind!r} needs the table [simulation]")
-    return opening.simulation
+def open_world(settings: Strict, opening: Opening) -> Simulation:
+    return opening.world

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -187,14 +187,11 @@ class Simulation(Drive):
     heading in which it can drive farthest. Only an evaluation may ask for `pose`.
 
     Args:
-        plan: the building.
-        seed: what it looks like, and where the car starts.
+        seed: what the building looks like, and where the car starts.
         odometry: what `driven` returns, exact or `"noisy"`.
         full_frames: render whole frames instead of strips.
         fields: the subfields to render; `rig.subfields()` by default.
-        disturbances: of cameras and car.
         rate: frames a second of the cameras.
-        body: of the robot.
 
     Raises:
         InputError: a plan where the robot does not fit.
@@ -272,18 +269,10 @@ class Simulation(Drive):
         placed, self.placed = self.placed, None
         return placed
 
-    def read(self) -> StereoFrames:
-        """What both cameras see now, or with the next frame that is not lost."""
-        while self.loses_frame():
-            self.wait_until(self.now() + 1 / self.rate)
-        return self.capture()
-
-    def loses_frame(self) -> bool:
-        """Whether this frame never arrives; to be asked once a frame before `capture`, as `read` does."""
-        return self.effects.loses_frame()
-
-    def capture(self) -> StereoFrames:
-        """The frames that arrive now."""
+    def read(self, wait: Callable[[float], None] | None = None) -> StereoFrames:
+        """What both cameras see now, or with the next frame that is not lost, until which `wait` moves the world on."""
+        while self.effects.loses_frame():
+            (wait or self.wait_until)(self.now() + 1 / self.rate)
         now = self.now()
         left, right = (
             Strips(*(self.effects.image(part, now) for part in frame))

@@ -77,7 +77,7 @@ class Slow(Controller):
 
 
 def test_another_controller_is_one_class(monkeypatch):
-    monkeypatch.setattr(contract, "_kinds", dict(contract._kinds))
+    monkeypatch.setitem(contract.CONTROLLERS, "slow", {})
     assert register(Slow) is Slow
     assert controller_names() == (DEFAULT_CONTROLLER, "goal", "published", "slow")
     navigator = NavigatorOptions("slow").navigator(RIG, 30.0)

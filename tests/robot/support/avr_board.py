@@ -125,16 +125,18 @@ class RealtimeWorld:
 
     def read(self) -> StereoFrames:
         """What both cameras see now, or with the next frame that is not lost; late frames have the time they tell."""
-        while self.simulation.loses_frame():
-            time.sleep(1 / self.simulation.rate)
-        now = time.monotonic()
-        while self.queue and self.queue[0].time <= now:
+        self.catch_up()
+        frames = self.simulation.read(lambda _: self.catch_up(1 / self.simulation.rate))
+        return frames._replace(time=self.now - (self.simulation.now() - frames.time))
+
+    def catch_up(self, after: float = 0.0) -> None:
+        time.sleep(after)
+        self.now = time.monotonic()
+        while self.queue and self.queue[0].time <= self.now:
             pulse = self.queue.popleft()
             self.advance(pulse.time)
             self.electronics.apply(pulse)
-        self.advance(now)
-        frames = self.simulation.capture()
-        return frames._replace(time=now - (self.simulation.now() - frames.time))
+        self.advance(self.now)
 
     def advance(self, now: float) -> None:
         car, before = self.simulation.car, self.simulation.now()

@@ -75,11 +75,11 @@ def board(address, kind, *arguments):
 
 
 def car(kind, address):
-    from ndtorch_robot.link import Opening, check_link, raspberry_pi
+    from ndtorch_robot.link import Opening, check_link, pi_board
     from ndtorch_robot.ports import DriveCommand
     from ndtorch_robot.safety import SafeDrive
 
-    raspberry_pi.PROGRAM = (sys.executable, "-m", __spec__.name, "board", address)
+    pi_board.PROGRAM = (sys.executable, "-m", __spec__.name, "board", address)
     opener, settings = check_link({"kind": kind})
     drive = opener(settings, Opening("pi", lambda line: print(line, flush=True)))
     safe = SafeDrive(drive, types.SimpleNamespace(now=time.monotonic))

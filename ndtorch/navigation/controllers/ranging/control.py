@@ -95,12 +95,6 @@ class RangingControl(Controller):
     which no floor takes away. What does is a range behind it, on whose line of sight it would lie, the car itself, and
     time. A turn may lead to what was never ranged because it is nearer than the least range: in turns both rows are
     compared for that, a few times a second. A differential drive turns on the spot where others back.
-
-    Args:
-        rig, dt, params: as `Controller`.
-
-    Raises:
-        InputError: numbers out of range.
     """
 
     name = "ranging"
@@ -181,8 +175,7 @@ class RangingControl(Controller):
     def turn_on_spot(self, state: RangingState, pose: Pose, side: float, seen: bool = False) -> Command | None:
         """A turn to a side, positive for the left, or to the other one where only there is room; None where nowhere is.
 
-        Args:
-            seen: only where the whole circle was seen free.
+        With `seen` only where the whole circle was seen free.
         """
         arcs, cell = self.spin, self.reactive.grid.cell_m
         assert arcs is not None
