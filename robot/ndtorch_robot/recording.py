@@ -159,7 +159,8 @@ class Recorder(StepThread):
         for topic, message in messages.items():
             if topic not in self.channels:
                 name = message.__msgtype__
-                schema = self.writer.register_schema(name, "ros2msg", ros.definition(name).encode())
+                definition, _ = ros.typestore().generate_msgdef(name, ros_version=2)
+                schema = self.writer.register_schema(name, "ros2msg", definition.encode())
                 self.channels[topic] = self.writer.register_channel(topic, "cdr", schema)
             self.writer.add_message(self.channels[topic], when, ros.to_cdr(message), when, step.number)
 

@@ -53,11 +53,6 @@ def from_cdr(data: bytes, name: str) -> Any:
     return typestore().deserialize_cdr(data, name)
 
 
-def definition(name: str) -> str:
-    """The text of a type with all that it contains, as MCAP holds it."""
-    return typestore().generate_msgdef(name, ros_version=2)[0]
-
-
 def header(time: float, frame: str) -> Any:
     """A header whose stamp is `time`, s since 1970 or since the start of a clock."""
     stamp = divmod(round(time * 1e9), 10**9)
@@ -76,10 +71,6 @@ def vector(x: float = 0.0, y: float = 0.0, z: float = 0.0, name: str = "Vector3"
 
 def quaternion(heading: float) -> Any:
     return new("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2))
-
-
-def ros_pose(pose: Pose) -> Any:
-    return new("geometry_msgs/msg/Pose", vector(pose.x, pose.y, name="Point"), quaternion(float(pose.heading)))
 
 
 def twist(command: DriveCommand) -> Any:
@@ -106,7 +97,8 @@ def laser_scan(ranges: Ranges, time: float) -> Any:
 def odometry(pose: Pose, driven: DriveCommand, time: float) -> Any:
     """`nav_msgs/Odometry`: dead reckoning and the motion it was told. Covariances are zero: they are not known."""
     unknown = np.zeros(36)
-    at = new("geometry_msgs/msg/PoseWithCovariance", ros_pose(pose), unknown)
+    place = new("geometry_msgs/msg/Pose", vector(pose.x, pose.y, name="Point"), quaternion(float(pose.heading)))
+    at = new("geometry_msgs/msg/PoseWithCovariance", place, unknown)
     moved = new("geometry_msgs/msg/TwistWithCovariance", twist(driven), unknown)
     return new("nav_msgs/msg/Odometry", header(time, ODOM), BASE, at, moved)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch_robot.camera_monitor import CameraMonitor
-from ndtorch_robot.cameras import StereoCameras, open_cameras
+from ndtorch_robot.cameras.pair import StereoCameras, open_cameras
 from ndtorch_robot.car import CameraClock, Car, MonotonicClock
 from ndtorch_robot.link import SIMULATED_WORLD, Opening, open_link
 from ndtorch_robot.navigator_runner import NavigatorRunner

@@ -12,8 +12,8 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch.navigation.stereo.calibration_files import load_calibration, stereo_calibration
 from ndtorch_robot.calibration import Rectifier, calibrate, find_corners, find_view, rectified_points, write_calibration
-from ndtorch_robot.cameras import CameraFrame, CameraSettings, open_cameras
-from ndtorch_robot.cameras.pair import FramePair, to_tensor
+from ndtorch_robot.cameras.pair import CameraFrame, FramePair, open_cameras, to_tensor
+from ndtorch_robot.cameras.source import CameraSettings
 from ndtorch_robot.ports import Closing
 from ndtorch_robot.sim.simulation import RIG
 from tests.robot.support.calibration_board import BOARD, LEFT, RIGHT, board_pictures, draw_board, measured, rays, views

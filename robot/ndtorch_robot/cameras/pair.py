@@ -59,24 +59,15 @@ class FramePair(NamedTuple):
 class Pairing:
     """Pairs frames by their times, as they come.
 
-    Only the newest frame of each camera is kept. A frame is paired with the newest one of the other camera,
-    if that is still free and within the tolerance, so no frame is used twice.
-
-    Args:
-        tolerance: largest difference in time, s.
-
-    Attributes:
-        newest, free: the newest frame of each camera, and whether it has no partner yet.
-        unpaired: number of frames of each camera that found no partner.
-        skews: times of the right frame after the left one in the last pairs, s.
+    Only the newest frame of each camera is kept. A frame is paired with the newest one of the other camera, if that is
+    still free and not more than the tolerance, s, away, so no frame is used twice.
     """
 
     def __init__(self, tolerance: float) -> None:
         self.tolerance = tolerance
         self.newest: list[CameraFrame | None] = [None, None]
-        self.free = [False, False]
-        self.unpaired = [0, 0]
-        self.skews: deque[float] = deque(maxlen=KEPT)
+        self.free, self.unpaired = [False, False], [0, 0]  # without a partner: the newest, and how many before it
+        self.skews: deque[float] = deque(maxlen=KEPT)  # of the last pairs, the right frame after the left one, s
 
     def add(self, side: int, frame: CameraFrame) -> FramePair | None:
         """A new frame of camera `side` (0 left, 1 right); returns the pair it makes, if it does."""
@@ -158,15 +149,7 @@ class StereoCameras(Closing):
 
     Each reading gives the newest pair that has not been read yet, and waits for it when it must. The time of a
     pair is that of its older frame. Frames are whole ones `[1, C, H, W]` uint8, red, green, blue, or with
-    `rectify` the rectified strips.
-
-    Args:
-        settings: both sources, and what is wanted of them.
-        rectify: of `settings.calibration`; `open_cameras` makes it.
-        opener: opens one source; for tests.
-
-    Attributes:
-        pairing: counts and times so far.
+    `rectify`, which `open_cameras` makes, the rectified strips.
 
     Raises:
         InputError: a source that cannot be opened or gives no frames or ones of another size.
@@ -288,11 +271,7 @@ def open_cameras(
     fields: Callable[[StereoRig], tuple[Rect, Rect]] | None = None,
     opener: Opener = open_capture,
 ) -> tuple[StereoCameras, StereoRig]:
-    """Open both cameras.
-
-    Args:
-        rig: where they are on the car.
-        fields: the rectangles that navigation reads of a pair of this geometry; the default navigator's by default.
+    """Open both cameras; `fields` are the rectangles that navigation reads of a pair of some geometry.
 
     Returns:
         The cameras, and the geometry that the navigator must be made with: with a calibration, `rig` with the

@@ -99,7 +99,8 @@ class Calibrate:
         return REFUSED if faults else 0
 
     def live_pairs(self) -> Iterator[tuple[Image, Image]]:
-        from ndtorch_robot.cameras import CameraSettings, CamerasSilent, StereoCameras
+        from ndtorch_robot.cameras.pair import CamerasSilent, StereoCameras
+        from ndtorch_robot.cameras.source import CameraSettings
 
         size = {"width_px": self.width, "height_px": self.height}
         with StereoCameras(CameraSettings(left=self.left, right=self.right, max_age_ms=500.0, **size)) as cameras:

@@ -113,7 +113,7 @@ def kernels() -> Iterator[Finding]:
 
 def cameras() -> Iterator[Finding]:
     from ndtorch.errors import InputError
-    from ndtorch_robot.cameras import CameraSettings, find_source, list_devices, open_capture
+    from ndtorch_robot.cameras.source import CameraSettings, find_source, list_devices, open_capture
 
     devices = list_devices()
     if len(devices) < 2:

@@ -49,7 +49,9 @@ def drive_many(
     code = code_digest(("ndtorch", "ndtorch_robot"), ("torch", "numpy"))
     make_writable(out)
     (out / "drives").mkdir(exist_ok=True)
-    files = {name: out / "drives" / f"{digest([key(job), code])}.json" for name, job in jobs.items()}
+    keys = {name: json.dumps([key(job), code], sort_keys=True, default=str) for name, job in jobs.items()}
+    digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in keys.items()}
+    files = {name: out / "drives" / f"{digest[:16]}.json" for name, digest in digests.items()}
     missing = [name for name, file in files.items() if finished(file) is None]
     exit_code = 0
     form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s, {rate_fmt}, {remaining} left"
@@ -68,10 +70,6 @@ def drive_many(
         except KeyboardInterrupt:
             exit_code = INTERRUPTED
     return [result for file in files.values() if (result := finished(file)) is not None], exit_code
-
-
-def digest(values: Any) -> str:
-    return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
 def finished(file: Path) -> Result | None:

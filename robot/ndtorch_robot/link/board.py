@@ -90,8 +90,7 @@ class Board:
 
     def reset(self, now: float) -> None:
         """Switch it off and on at this time, s: it has forgotten everything."""
-        self.ms = self.ticked = self.told = self.period = round(now * 1e3)
-        self.period //= PERIOD_MS
+        self.ms = self.ticked = self.told = round(now * 1e3)
         self.parser, self.refused, self.versions = Parser(), 0, 0
         self.armed = self.greeted = False
         self.may_reverse, self.gear, self.faults = True, Gear.FORWARD, LinkFault(0)
@@ -102,8 +101,8 @@ class Board:
         self.last_tick = 0
         self.stand()
 
-    def run(self, now: float, data: bytes = b"") -> tuple[bytes, list[Pulse]]:
-        """Go on until a time, s; these bytes come in its last millisecond. Returns answers, and ended pulses."""
+    def run(self, now: float, data: bytes = b"") -> bytes:
+        """Go on until a time, s; these bytes come in its last millisecond. Returns answers."""
         until, out = round(now * 1e3), b""
         while self.ms < until:
             if data and self.ms + 1 == until:
@@ -114,10 +113,7 @@ class Board:
             if self.ms - self.told >= TELEMETRY_MS and self.greeted:
                 out += self.telemetry()
             self.ms += 1
-        if self.ms // PERIOD_MS == self.period:
-            return out, []
-        self.period = self.ms // PERIOD_MS
-        return out, [Pulse(name, width, now) for name, width in zip(NAMES, self.widths, strict=True)]
+        return out
 
     def close(self) -> None:
         """Nothing to give back."""

@@ -1,4 +1,4 @@
-"""Drive links of a Raspberry Pi, whose board is a process between the loop and the pins with the firmware's protocol.
+"""Drive links of a Raspberry Pi. Its board is a process that speaks the firmware's protocol, and moves the pins:
 
     python -m ndtorch_robot.link.pi_board KIND NAME SETTINGS
 
@@ -18,7 +18,6 @@ import subprocess
 import sys
 import time
 import tty
-from typing import Any, Protocol
 
 from pydantic import Field
 
@@ -63,22 +62,10 @@ class GpioSettings(PiSettings):
     enable: int = Field(18, ge=-1, le=27)
 
 
-class Pins(Protocol):
-    """What moves servos and motor. `brakes_first`: the motor controller brakes before it reverses."""
-
-    brakes_first: bool
-
-    def show(self, board: Board) -> None:
-        """The pulses and the speed of the board."""
-        ...
-
-    def close(self) -> None: ...
-
-
 class Pca9685:
     """Pulses by a PCA9685. It goes on with its last pulses when nobody writes, so neutral is written at the end."""
 
-    brakes_first = True
+    brakes_first = True  # the motor controller brakes before it reverses
 
     def __init__(self, settings: Pca9685Settings) -> None:
         self.settings, self.shown = settings, dict[int, int]()
@@ -134,18 +121,11 @@ class Gpio:
         self.servo.close()
 
 
-KINDS: dict[str, tuple[type[PiSettings], type[Any]]] = {
-    "pca9685": (Pca9685Settings, Pca9685),
-    "gpio": (GpioSettings, Gpio),
-}
-
-
 def serve(kind: str, name: str, settings: str) -> None:
     """Be the board until the input ends, which it does with the process at its other end, or SIGTERM comes."""
-    table, make = KINDS[kind]
-    values = table(**json.loads(settings))
-    pins: Pins = make(values)
-    board = Board(name, values, pins.brakes_first)
+    values = json.loads(settings)
+    pins = Pca9685(Pca9685Settings(**values)) if kind == "pca9685" else Gpio(GpioSettings(**values))
+    board = Board(name, pins.settings, pins.brakes_first)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     master, slave = pty.openpty()
     tty.setraw(slave)
@@ -154,7 +134,7 @@ def serve(kind: str, name: str, settings: str) -> None:
         print(os.ttyname(slave), flush=True)
         start = time.monotonic()
         while sys.stdin not in (ready := select.select([master, sys.stdin], [], [], TICK_MS / 1e3)[0]):
-            answers, _ = board.run(time.monotonic() - start, os.read(master, 4096) if ready else b"")
+            answers = board.run(time.monotonic() - start, os.read(master, 4096) if ready else b"")
             pins.show(board)
             with contextlib.suppress(BlockingIOError):  # nobody reads
                 os.write(master, answers)

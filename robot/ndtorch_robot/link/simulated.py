@@ -8,7 +8,7 @@ from collections.abc import Callable
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
 from ndtorch_robot.link import HOSTED_BOARD, SIMULATED_BOARD, SIMULATED_WORLD, Opening, link
-from ndtorch_robot.link.board import Board, Pulse
+from ndtorch_robot.link.board import NAMES, PERIOD_MS, Board, Pulse
 from ndtorch_robot.link.link_drive import HEARTBEAT, LinkDrive
 from ndtorch_robot.ports import CameraPair, Clock, Report, StereoFrames
 from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost
@@ -19,10 +19,6 @@ Cable = Callable[[bytes, float], bytes]
 
 ANSWERS_IN = 1.0
 """Seconds in which the board must answer."""
-
-
-def good_cable(data: bytes, now: float) -> bytes:
-    return data
 
 
 class SimulatedDrive(LinkDrive):
@@ -44,10 +40,10 @@ class SimulatedDrive(LinkDrive):
         real_time: bool = False,
     ) -> None:
         self.simulation, self.board, self.electronics = simulation, board, Electronics()
-        self.up: Cable = good_cable
-        self.down: Cable = good_cable
+        self.up: Cable = lambda data, now: data
+        self.down: Cable = lambda data, now: data
         self.pulsed: Callable[[Pulse], None] = lambda pulse: None
-        self.waiting, self.beaten = b"", 0.0
+        self.waiting, self.beaten, self.period = b"", 0.0, 0
         self.start = time.monotonic() - simulation.now() if real_time else None
         super().__init__(self, simulation.now, board_name, report)
         while not self.welcomed.is_set():
@@ -60,8 +56,10 @@ class SimulatedDrive(LinkDrive):
         while self.simulation.steps < round(time_ * SUBSTEPS):
             now = (self.simulation.steps + 1) / SUBSTEPS
             sent, self.waiting = self.waiting, b""
-            answers, pulses = self.board.run(now, self.up(sent, now))
-            for pulse in pulses:
+            answers = self.board.run(now, self.up(sent, now))
+            before, self.period = self.period, round(now * 1e3) // PERIOD_MS
+            for name, width in zip(NAMES, self.board.widths, strict=True) if self.period > before else ():
+                pulse = Pulse(name, width, now)
                 self.electronics.apply(pulse)
                 self.pulsed(pulse)
             self.simulation.obey(self.electronics.target(now))

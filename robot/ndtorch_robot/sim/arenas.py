@@ -396,20 +396,17 @@ class MapFile(Strict, extra="ignore"):
 
 def read_map(path: Path) -> Plan:
     try:
-        file = check(parsed(read_text(path)), MapFile, str(path))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
-    with readers.quiet_opencv():
-        image = cv2.imread(str(path.parent / file.image), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise InputError(f"{path}: its image {file.image} cannot be read")
-    try:
+        file = check(parsed(read_text(path)), MapFile, "a map")
+        with readers.quiet_opencv():
+            image = cv2.imread(str(path.parent / file.image), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise InputError(f"its image {file.image} cannot be read")
         plan = file.plan(path.stem, np.asarray(image, np.uint8))
         SpawnPoints(plan)
         return plan
-    except InputError as error:
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except ValueError as error:
         raise InputError(f"{path}: {error}") from None
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import folder_of
-from ndtorch_robot.link.board import NAMES, PERIOD_MS, BoardSettings, Pulse
+from ndtorch_robot.link.board import BoardSettings, Pulse
 from ndtorch_robot.ports import DriveCommand
 
 FIRMWARE = folder_of("ndtorch_robot", "firmware")
@@ -47,23 +47,19 @@ class FirmwareHost:
         self.reset(0.0)
         self.out = ctypes.create_string_buffer(BUFFER_BYTES)
         self.widths = (ctypes.c_uint16 * 3)()
-        self.period = 0
 
     def reset(self, now: float) -> None:
         """Switch it off and on at this time, s: it has forgotten everything."""
         self.close()
         self.board = ctypes.c_void_p(self.library.board_new(ctypes.c_uint32(round(now * 1e3))))
 
-    def run(self, now: float, data: bytes = b"") -> tuple[bytes, list[Pulse]]:
-        """Go on until a time, s; these bytes come just before it. Returns answers, and ended pulses."""
-        ms = round(now * 1e3)
-        given = ctypes.c_uint32(ms), data, ctypes.c_uint(len(data)), self.out, ctypes.c_uint(BUFFER_BYTES)
+    def run(self, now: float, data: bytes = b"") -> bytes:
+        """Go on until a time, s; these bytes come just before it. Returns answers."""
+        until = ctypes.c_uint32(round(now * 1e3))
+        given = until, data, ctypes.c_uint(len(data)), self.out, ctypes.c_uint(BUFFER_BYTES)
         count = self.library.board_run(self.board, *given)
-        if ms // PERIOD_MS == self.period:
-            return self.out.raw[:count], []
-        self.period = ms // PERIOD_MS
         self.library.board_pulses(self.board, self.widths)
-        return self.out.raw[:count], [Pulse(name, width, now) for name, width in zip(NAMES, self.widths, strict=True)]
+        return self.out.raw[:count]
 
     def close(self) -> None:
         board, self.board = self.board, None

@@ -303,6 +303,3 @@ class Simulation(Drive):
 
     def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
         return self, self
-
-    def close(self) -> None:
-        """Nothing to give back."""

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
-from ndtorch_robot.cameras import CameraFrame, CameraSettings, CamerasSilent, Pairing, StereoCameras
 from ndtorch_robot.cameras import pair as pair_module
+from ndtorch_robot.cameras.pair import CameraFrame, CamerasSilent, Pairing, StereoCameras
+from ndtorch_robot.cameras.source import CameraSettings
 from tests.robot.support.fake_captures import LiveCapture, picture
 
 SMALL = {"width_px": 64, "height_px": 48}

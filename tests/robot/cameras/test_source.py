@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, list_devices, open_capture
-from ndtorch_robot.cameras.source import set_up
+from ndtorch_robot.cameras.pair import StereoCameras
+from ndtorch_robot.cameras.source import CameraSettings, find_source, list_devices, open_capture, set_up
 from tests.robot.support.fake_captures import Properties
 
 SETTINGS = CameraSettings(left="0", right="1")

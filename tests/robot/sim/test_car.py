@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_robot.link.board import Board, BoardSettings
+from ndtorch_robot.link.board import NAMES, Board, BoardSettings, Pulse
 from ndtorch_robot.link.messages import LinkFrame, Parser, Type, encode_frame, read_telemetry
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.run import open_car
@@ -90,7 +90,7 @@ def test_the_board_in_python_is_that_of_the_firmware():
             version = 1 if rng.random() < 0.999 else 2
             frame = encode_frame(LinkFrame(version, int(kind), sequence & 0xFFFF, bodies.get(kind, b"")))
             data += frame if rng.random() < 0.995 else frame[:4] + frame[5:]
-        assert board.run(now, data) == firmware.run(now, data)
+        assert (board.run(now, data), board.widths) == (firmware.run(now, data), tuple(firmware.widths))
     firmware.close()
 
 
@@ -99,9 +99,9 @@ def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
     board, electronics, numbers = Board("maxston8"), Electronics(), itertools.count(1)
 
     def say(now, *kinds):
-        answers, pulses = speak(board, numbers, now, *kinds)
-        for pulse in pulses:
-            electronics.apply(pulse)
+        answers = speak(board, numbers, now, *kinds)
+        for name, width in zip(NAMES, board.widths, strict=True):
+            electronics.apply(Pulse(name, width, now))
         told = [read_telemetry(f.body).applied.speed for f in Parser().feed(answers) if f.type == Type.TELEMETRY]
         return told[-1] if told else None
 
