@@ -234,7 +234,8 @@ class Navigator(nn.Module):
         unit, ranged, moved = self.unit_m, ranges, last
         if unit != 1:
             place = pose_in(place, unit)
-            ranged = ranges._replace(left_range=ranges.left_range / unit, x=ranges.x / unit, y=ranges.y / unit)
+            x, y, distance = ranges.x / unit, ranges.y / unit, ranges.left_range / unit
+            ranged = ranges._replace(left_range=distance, x=x, y=y)
             moved = Command(last.speed / unit, last.curvature * unit)
         command, control = controller.step(seen, ranged, place, moved, control)
         if unit != 1:
@@ -255,8 +256,8 @@ class Navigator(nn.Module):
         return command, complete
 
     def see(self, left: Strips, right: Strips, t: int, state: NavigatorState | None) -> tuple[Any, ...]:
-        """Frame number t: subfields and rows of both cameras, what the controller steers by, image speeds on both
-        sides, ranges, and the states of the filters of subfields and rows.
+        """Frame number t: subfields and rows of both cameras, what the controller steers by, image speeds
+        on both sides, ranges, and the states of the filters of subfields and rows.
         """
         controller: Controller = self._modules["controller"]  # type: ignore[assignment]
         ranging: StereoRanging = self._modules["ranging"]  # type: ignore[assignment]

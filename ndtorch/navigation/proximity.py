@@ -83,7 +83,7 @@ NOWHERE = Obstacles(np.zeros(0, np.float32), np.zeros(0, np.float32))
 
 
 class ProximityCheck:
-    """Detects obstacles right before the car, and whether floor is seen there; lengths are in units of the body."""
+    """Detects obstacles right before the car, and whether floor is seen there; in units of the body."""
 
     def __init__(self, rig: StereoRig, rects: tuple[Rect, Rect], body: Body | None = None) -> None:
         body = Body() if body is None else body

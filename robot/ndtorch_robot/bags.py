@@ -186,7 +186,7 @@ class StereoBag:
 class Moves:
     """The motion of a body in the plane, by poses, or by speeds where poses are missing or stay the same.
 
-    `path_m` and `up_m` are how far it moved in the plane, and across it; the second is small if the axes are right.
+    `path_m` and `up_m` are how far it moved in the plane and across it, which is little if the axes are right.
     """
 
     def __init__(self) -> None:

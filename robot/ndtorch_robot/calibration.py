@@ -110,7 +110,7 @@ def find_view(left: Image, right: Image, board: Board) -> BoardView | None:
 def calibrate(views: Sequence[BoardView], board: Board, size: tuple[int, int]) -> tuple[StereoCalibration, Quality]:
     """The pair of cameras, and how well it fits.
 
-    Each camera on its own first, then the motion between them with the cameras held. `size` is width and height.
+    Each camera on its own first, then the motion between them with the cameras held.
 
     Raises:
         InputError: fewer than `MIN_VIEWS` views, cameras that are swapped or one above the other, or views from which
@@ -191,8 +191,8 @@ class Rectifier:
     Where these pixels lie in the raw images is computed once; the rest of the images is never touched.
 
     Args:
-        rig: where the cameras are on the car; baseline, focal length and axis are taken from the calibration. The
-            attribute of this name is that of the rectified pair, with which the navigator must be made.
+        rig: where the cameras are on the car; baseline, focal length and axis are those of the calibration.
+            The attribute of this name is that of the rectified pair, with which the navigator must be made.
         fields: the subfields of the rectified images; `rig.subfields()` by default.
 
     Raises:

@@ -76,12 +76,7 @@ class CameraMonitor:
         self.unequal = self.late = 0
 
     def judge(self, frames: StereoFrames, speed: float, now: float) -> Fault | None:
-        """What is wrong with new frames.
-
-        Args:
-            speed: of the car since the last frames, m/s.
-            now: on the clock of the frames, s.
-        """
+        """What is wrong with frames; `speed` is that since the last ones, m/s, `now` is on their clock, s."""
         fault = self.judge_times(frames.time, now)
         if fault is not None:
             return fault

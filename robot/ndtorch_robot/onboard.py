@@ -23,12 +23,7 @@ FARTHEST = 2.2
 def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
     """The text of `params.h`: the published controller and ranging of [A] for one pair of cameras.
 
-    Args:
-        dt: time step, s.
-        cell: side of a cell of the map, m.
-
-    Raises:
-        InputError: the cameras do not see the floor beside the path, or a number is out of range.
+    `dt` is the time step, s, and `cell` the side of a cell of the map, m.
 
     >>> from ndtorch.navigation import StereoRig
     >>> "#define ROW_COLUMNS 640" in onboard_params(StereoRig(), 1 / 30)

@@ -203,10 +203,5 @@ class Step(NamedTuple):
     telemetry: Mapping[str, Any] = MappingProxyType({})
 
 
-class Observer(Protocol):
-    """Recordings, views and scores are observers: called after every step.
-
-    An exception ends the drive, with the car stopped.
-    """
-
-    def __call__(self, step: Step, /) -> None: ...
+Observer = Callable[[Step], None]
+"""Recordings, views and scores: called after every step. An exception ends the drive, the car stopped."""

@@ -66,9 +66,6 @@ class Recorder(StepThread):
     Args:
         path: a new file, `NAME.mcap`.
         runner: what is recorded; None for frames alone, which are then kept whole.
-        size: steps that may wait.
-        when_full: `"drop"`, or `"wait"` for a simulation, whose time stands still meanwhile.
-        report: called with one line when recording ends before it should.
         whole: keep frames as they come.
 
     Raises:
@@ -358,9 +355,7 @@ def replay(
 ) -> Comparison:
     """Run a runner on a recording and compare its commands.
 
-    Args:
-        observers: called after every step; `wanted` and `state` are of now, `sent` and `standing` are of then.
-        report: called with one line when the car stopped and went on.
+    For observers `wanted` and `state` are of now, `sent` and `standing` of then. Stops are reported.
     """
     result, standing = Comparison(), None
     with torch.inference_mode():

@@ -97,8 +97,8 @@ def laser_scan(ranges: Ranges, time: float) -> Any:
 def odometry(pose: Pose, driven: DriveCommand, time: float) -> Any:
     """`nav_msgs/Odometry`: dead reckoning and the motion it was told. Covariances are zero: they are not known."""
     unknown = np.zeros(36)
-    place = new("geometry_msgs/msg/Pose", vector(pose.x, pose.y, name="Point"), quaternion(float(pose.heading)))
-    at = new("geometry_msgs/msg/PoseWithCovariance", place, unknown)
+    turned, place = quaternion(float(pose.heading)), vector(pose.x, pose.y, name="Point")
+    at = new("geometry_msgs/msg/PoseWithCovariance", new("geometry_msgs/msg/Pose", place, turned), unknown)
     moved = new("geometry_msgs/msg/TwistWithCovariance", twist(driven), unknown)
     return new("nav_msgs/msg/Odometry", header(time, ODOM), BASE, at, moved)
 

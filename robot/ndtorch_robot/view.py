@@ -97,11 +97,8 @@ class View(StepThread):
     """An observer of the loop that shows a car, in a thread of its own.
 
     The loop never waits: frames are left out when the view is slow, and when it is slower still, steps are dropped and
-    counted. When showing fails it is over, which is reported once, and the car drives on.
-
-    Args:
-        wait: wait for room instead, for a replay or a simulated drive.
-        plan, truth: of the building and the true pose, where they are known.
+    counted. When showing fails it is over, which is reported once, and the car drives on. `wait` waits for
+    room instead, for a replay or a simulated drive.
     """
 
     def __init__(

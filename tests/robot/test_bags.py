@@ -313,7 +313,7 @@ def test_transforms_lead_to_the_place_in_the_map():
     place = Pose(3.0, 4.0, 0.7)
     outer, inner = read_again(ros.transforms(Pose(1.0, -2.0, -0.4), place, 0.0)).transforms
     assert (outer.header.frame_id, outer.child_frame_id) == ("map", inner.header.frame_id)
-    turn, other = (2 * math.atan2(one.transform.rotation.z, one.transform.rotation.w) for one in (outer, inner))
+    turn, other = (2 * math.atan2(q.z, q.w) for q in (outer.transform.rotation, inner.transform.rotation))
     at, by = outer.transform.translation, inner.transform.translation
     x = at.x + math.cos(turn) * by.x - math.sin(turn) * by.y
     y = at.y + math.sin(turn) * by.x + math.cos(turn) * by.y

@@ -194,7 +194,7 @@ def controller_class(name: str, backend: str = "auto") -> type[Controller]:
     for kind in ("numba", "torch"):
         if kind in kinds and backend in ("auto", kind):
             return kinds[kind]
-    raise InputError(f"the {name} controller has the backend {' and '.join(sorted(kinds))}, got backend={backend!r}")
+    raise InputError(f"the {name} controller has the backend {' and '.join(sorted(kinds))}, got {backend!r}")
 
 
 def make_controller(

@@ -59,15 +59,15 @@ class FramePair(NamedTuple):
 class Pairing:
     """Pairs frames by their times, as they come.
 
-    Only the newest frame of each camera is kept. A frame is paired with the newest one of the other camera, if that is
-    still free and not more than the tolerance, s, away, so no frame is used twice.
+    Only the newest frame of each camera is kept. A frame is paired with the newest one of the other camera,
+    if that is still free and not more than the tolerance, s, away, so no frame is used twice.
     """
 
     def __init__(self, tolerance: float) -> None:
         self.tolerance = tolerance
         self.newest: list[CameraFrame | None] = [None, None]
-        self.free, self.unpaired = [False, False], [0, 0]  # without a partner: the newest, and how many before it
-        self.skews: deque[float] = deque(maxlen=KEPT)  # of the last pairs, the right frame after the left one, s
+        self.free, self.unpaired = [False, False], [0, 0]  # no partner: the newest, how many
+        self.skews: deque[float] = deque(maxlen=KEPT)  # right frames after their left ones, s
 
     def add(self, side: int, frame: CameraFrame) -> FramePair | None:
         """A new frame of camera `side` (0 left, 1 right); returns the pair it makes, if it does."""
@@ -85,8 +85,8 @@ class Pairing:
 class CameraReader:
     """Reads one source in a thread, and hands over every frame with the time at which it was taken.
 
-    A camera that is lost is opened again, with growing pauses, until it is back or the reader is closed. Meanwhile
-    `trouble` says why there are no frames.
+    A camera that is lost is opened again, with growing pauses, until it is back or the reader is closed.
+    Meanwhile `trouble` says why there are no frames.
     """
 
     def __init__(

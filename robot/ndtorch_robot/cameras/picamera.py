@@ -9,8 +9,8 @@ import cv2
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import need
 
-SETTLING = 30
-"""Frames in which gain and colors settle before they are fixed."""
+SETTLING, FIXED = 30, ("ExposureTime", "AnalogueGain", "ColourGains")
+"""Frames in which gain and colors settle, and what is fixed then."""
 
 
 class PicameraCapture:
@@ -40,15 +40,11 @@ class PicameraCapture:
             self.device.configure(self.device.create_video_configuration(main=main, controls=controls))
             self.device.start()
             if exposure_ms is not None:
-                self.fix_exposure()
+                *_, settled = (self.device.capture_metadata() for _ in range(SETTLING))
+                fixed = {name: settled[name] for name in FIXED if name in settled}
+                self.device.set_controls({"AeEnable": False, "AwbEnable": False, **fixed})
         except (RuntimeError, IndexError) as error:
             raise InputError(f"camera picamera2:{number}: cannot be opened ({error})") from None
-
-    def fix_exposure(self) -> None:
-        for _ in range(SETTLING):
-            metadata = self.device.capture_metadata()
-        settled = {name: metadata[name] for name in ("ExposureTime", "AnalogueGain", "ColourGains") if name in metadata}
-        self.device.set_controls({"AeEnable": False, "AwbEnable": False, **settled})
 
     def grab(self) -> bool:
         request = self.device.capture_request()

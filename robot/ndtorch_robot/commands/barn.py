@@ -55,9 +55,8 @@ class Barn(RobotOptions):
         file = read_worlds(self.file)
         options = RobotOptions(**{name: getattr(self, name) for name in asdict(RobotOptions())})
         jobs = {f"world {w.world}": (file.model_copy(update={"worlds": (w,)}), options) for w in self.chosen(file)}
-        results, exit_code = drive_many(
-            attempt, jobs, lambda job: [job[0].model_dump(), key_of(job[1])], file.time_limit_s, self.out, self.jobs
-        )
+        how = (lambda job: [job[0].model_dump(), key_of(job[1])]), file.time_limit_s, self.out, self.jobs
+        results, exit_code = drive_many(attempt, jobs, *how)
         missing = f"; {len(jobs) - len(results)} of {len(jobs)} worlds are missing" * (len(results) < len(jobs))
         if not results:
             print("{}" if self.json else missing.removeprefix("; "))

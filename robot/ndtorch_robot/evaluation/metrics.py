@@ -162,8 +162,3 @@ def spacing_error(plan: Plan, tops: Floats) -> float | None:
         good = distance.min(1) <= NEAR
         gaps += np.hypot(*np.diff(tops[distance.argmin(1)], axis=0).T)[good[1:] & good[:-1]].tolist()
     return abs(float(np.median(gaps)) / plan.spacing - 1) * 100 if gaps else None
-
-
-def coverage(free: Floats, path: Floats) -> float:
-    """Part of the free places `[N, 2]` that the car came within a metre of."""
-    return float((nearest(free, path[::10]) <= 1.0).mean())

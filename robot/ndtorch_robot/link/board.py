@@ -80,8 +80,8 @@ class Gear(Enum):
 class Board:
     """The board, at any time of the caller: it answers bytes by bytes, and gives the pulses of the car.
 
-    Where `brakes_first`, the motor controller takes the first pulse below neutral for the brake. `speed` is that after
-    the ramp, mm/s, and `widths` are those of the pulses of motor, front and rear, us.
+    Where `brakes_first`, the motor controller takes the first pulse below neutral for the brake. `speed` is
+    that after the ramp, mm/s, and `widths` are those of the pulses of motor, front and rear, us.
     """
 
     def __init__(self, name: str, settings: BoardSettings | None = None, brakes_first: bool = True) -> None:
@@ -137,7 +137,7 @@ class Board:
     def receive(self, data: bytes) -> bytes:
         out = b""
         *ended, rest = data.split(b"\0")
-        for piece in (*(part + b"\0" for part in ended), rest):  # frames are handled in the order in which they end
+        for piece in (*(part + b"\0" for part in ended), rest):  # in the order in which frames end
             frames = self.parser.feed(piece)
             for _ in range(self.parser.refused - self.refused):
                 self.refuse()

@@ -55,7 +55,7 @@ class LinkDrive(Drive):
     After opening, after any fault and after any reconnection the car is stopped until `resume`. Its owner calls
     `handle` with the bytes from the board, `greet` often while the board is not known, and `look_after` every
     `HEARTBEAT` seconds: heartbeats go out only while the loop sends commands, and without heartbeats, or without
-    commands, the board stops by itself. `heard` is the latest telemetry, `refusal` why the board cannot be used at all.
+    commands, the board stops by itself. `heard` is the latest telemetry, `refusal` why the board is of no use.
     """
 
     def __init__(

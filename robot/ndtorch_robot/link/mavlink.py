@@ -44,7 +44,7 @@ class MavlinkSettings(Strict):
     # udpin:ADDRESS:PORT, udpout:ADDRESS:PORT, tcp:ADDRESS:PORT or a serial port, as of pymavlink
     device: str = "udpin:127.0.0.1:14550"
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 921_600  # symbols a second of a serial port
-    system_id: Annotated[int, Field(ge=1, le=255)] = 1  # of the vehicle; what other systems send is not listened to
+    system_id: Annotated[int, Field(ge=1, le=255)] = 1  # of the vehicle, to which alone it listens
 
 
 class MavlinkDrive(Drive):
@@ -69,7 +69,7 @@ class MavlinkDrive(Drive):
             self.port = mavutil.mavlink_connection(settings.device, **address, dialect="common", autoreconnect=True)
         except (OSError, ValueError, IndexError) as error:
             raise InputError(f"{settings.device}: cannot be opened ({error})") from None
-        self.latest: dict[str, tuple[float, Any]] = {}  # last message of each type of the autopilot, and when it came
+        self.latest: dict[str, tuple[float, Any]] = {}  # the last of each type, and when it came
         self.lock, self.closing, self.heard = threading.RLock(), threading.Event(), threading.Event()
         # Receiving by UDP changes the set of addresses that sending walks; by TCP it may wait for a new connection.
         self.receiving = self.lock if settings.device.startswith("udp") else contextlib.nullcontext()

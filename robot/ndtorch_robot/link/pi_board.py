@@ -1,4 +1,4 @@
-"""Drive links of a Raspberry Pi. Its board is a process that speaks the firmware's protocol, and moves the pins:
+"""Drive links of a Raspberry Pi. Its board is a process that speaks the firmware's protocol:
 
     python -m ndtorch_robot.link.pi_board KIND NAME SETTINGS
 
@@ -150,7 +150,7 @@ PROGRAM = (sys.executable, "-m", "ndtorch_robot.link.pi_board")
 class PiDrive(SerialDrive):
     """A drive whose board is the process of `serve`, at the other end of a terminal.
 
-    It is a process, in a session of its own, because a thread would stop with the program. Nothing watches it in turn.
+    It has a session of its own; a thread would stop with the program. Nothing watches it in turn.
 
     Raises:
         InputError: the process does not start: no such bus or pin, or a library is missing.
@@ -158,8 +158,8 @@ class PiDrive(SerialDrive):
 
     def __init__(self, kind: str, settings: PiSettings, opening: Opening) -> None:
         command = [*PROGRAM, kind, opening.board_name, settings.model_dump_json()]
-        pipe = subprocess.PIPE
-        self.board = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        self.board = subprocess.Popen(command, **pipes, text=True, start_new_session=True)
         assert self.board.stdout is not None
         device = self.board.stdout.readline().strip()
         if not device:

@@ -27,8 +27,8 @@ class SimulatedDrive(LinkDrive):
     In every step of simulated time the board runs, its pulses move the car, and the link reads the board's answers and
     sends its heartbeats. Implements `ports.CameraPair`, `ports.Clock` and the port of the link, too.
 
-    `up` and `down` are what the cable does to bytes from the computer to the board and back; `pulsed` is called with
-    every pulse. Raises `InputError` where the board does not answer, or is that of another car.
+    `up` and `down` are what the cable does to bytes from the computer to the board and back; `pulsed` is
+    called with every pulse. Raises `InputError` where the board does not answer, or is that of another car.
     """
 
     def __init__(
@@ -88,14 +88,15 @@ class SimulatedDrive(LinkDrive):
 
 
 class SimulatedSettings(Strict):
-    """`[link]` with `kind = "simulated-board"`, in Python, or `"hosted-board"`, the firmware compiled by `cc`."""
+    """`[link]` with kind `"simulated-board"`, in Python, or `"hosted-board"`, the firmware compiled by `cc`."""
 
     real_time: bool = False  # simulated time does not run ahead of real time
 
 
 @link(HOSTED_BOARD)
 def open_hosted(settings: SimulatedSettings, opening: Opening) -> SimulatedDrive:
-    return SimulatedDrive(opening.world, FirmwareHost(), opening.board_name, opening.report, settings.real_time)
+    name = opening.board_name
+    return SimulatedDrive(opening.world, FirmwareHost(), name, opening.report, settings.real_time)
 
 
 @link(SIMULATED_BOARD)

@@ -7,10 +7,10 @@ developed in the others: floors, thin and low obstacles, narrow places. Those wi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -47,14 +47,13 @@ class Box(NamedTuple):
     kind: str = "wall"
 
 
-def trace(rooms: list[Box], holes: list[Box] | None = None) -> tuple[Ring, tuple[Ring, ...]]:
+def trace(rooms: list[Box], holes: Sequence[Box] = ()) -> tuple[Ring, tuple[Ring, ...]]:
     """The outline of the union of `rooms` less `holes`, and the rings of all inside it.
 
     Later boxes decide what a wall looks like. In a box of kind "door", a niche, the longer walls are the door and the
     shorter ones jambs.
     """
-    holes = holes or []
-    boxes = rooms + holes
+    boxes = [*rooms, *holes]
     xs = np.unique(np.round([v for box in boxes for v in (box.left, box.right)], 6))
     ys = np.unique(np.round([v for box in boxes for v in (box.bottom, box.top)], 6))
     free = np.zeros((len(xs) + 1, len(ys) + 1), dtype=bool)  # with a margin of what is not free
@@ -286,12 +285,7 @@ def dead_end(seed: int) -> Plan:
 
 
 BUILDINGS = {make.__name__: make for make in (hallway, curve, loop, room, office)}
-FLOORS: dict[str, tuple[Callable[[int], Plan], Pattern]] = {
-    "tiles": (loop, "tiles"),
-    "checker": (loop, "checker"),
-    "smooth": (loop, "smooth"),
-    "lines": (hallway, "lines"),
-}
+FLOORS: dict[str, Callable[[int], Plan]] = {"tiles": loop, "checker": loop, "smooth": loop, "lines": hallway}
 """Buildings with other floors: tiles of 30 cm with joints of 6 mm, light and dark checks of 25 cm, a floor almost
 without texture, and dark lines of 3 cm across it every 2.5 m."""
 
@@ -425,8 +419,7 @@ def load_arena(name: str, seed: int = 0) -> Plan:
     if name.endswith((".yaml", ".yml")):
         return read_map(Path(name))
     if name in FLOORS:
-        make, floor = FLOORS[name]
-        return replace(make(seed), name=name, floor=floor)
+        return replace(FLOORS[name](seed), name=name, floor=cast("Pattern", name))
     if name in BUILDINGS | FURNISHED:
         return (BUILDINGS | FURNISHED)[name](seed)
     if name not in FILES and not name.endswith(".toml"):
@@ -446,6 +439,5 @@ def describe_arena(name: str) -> str:
     if name in FILES:
         return str(toml_values(toml_file(Path(name), "ndtorch_robot", "arenas"))["description"])
     if name in FLOORS:
-        make, floor = FLOORS[name]
-        return f"The {make.__name__} with another floor: {floor}."
+        return f"The {FLOORS[name].__name__} with another floor: {name}."
     return ((BUILDINGS | FURNISHED)[name].__doc__ or "").splitlines()[0]

@@ -67,10 +67,6 @@ class Disturbances(Strict):
     slip_ratio: Ratio = 0.0  # largest part of a distance by which the wheels spin; changes every second
 
     @property
-    def none(self) -> bool:
-        return self == Disturbances()
-
-    @property
     def odometer(self) -> bool:
         return bool(self.odometry_scale_ratio or self.curvature_bias_per_m or self.slip_ratio)
 

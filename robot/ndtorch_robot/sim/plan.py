@@ -170,13 +170,9 @@ def inside(shape: Ring, points: Floats) -> Bools:
 
 
 class SpawnPoints:
-    """Places of a plan where the robot fits.
+    """Places of a plan where a robot whose body has this unit, m, fits.
 
-    Args:
-        unit: of its body, m: the car of [A] needs a place .7 m wide, and prefers 1.2 m.
-
-    Raises:
-        InputError: there is none.
+    The car of [A] needs a place .7 m wide, and prefers 1.2 m. Raises `InputError` where there is none.
     """
 
     def __init__(self, plan: Plan, unit: float = 1.0) -> None:

@@ -270,7 +270,7 @@ class Simulation(Drive):
         return placed
 
     def read(self, wait: Callable[[float], None] | None = None) -> StereoFrames:
-        """What both cameras see now, or with the next frame that is not lost, until which `wait` moves the world on."""
+        """What both cameras see now, or with the next frame that is not lost; `wait` moves the world on."""
         while self.effects.loses_frame():
             (wait or self.wait_until)(self.now() + 1 / self.rate)
         now = self.now()

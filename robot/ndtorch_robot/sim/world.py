@@ -68,10 +68,6 @@ class Quads:
         self.quads.append([(x, y, z, a, b) for x, y, a, b in (corners[::-1] if down else corners)])
         self.surface.append(surface)
 
-    def triangles(self) -> tuple[Floats, npt.NDArray[np.int32]]:
-        quads = np.array(self.quads, np.float64).reshape(-1, 4, 5)
-        return quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 5), np.repeat(self.surface, 2).astype(np.int32)
-
 
 def build(plan: Plan, seed: int = 0, rig: StereoRig | None = None, body: Body | None = None) -> World:
     """Paint and build a plan. The seed decides what it looks like."""
@@ -96,7 +92,8 @@ def build(plan: Plan, seed: int = 0, rig: StereoRig | None = None, body: Body | 
     repeated = ((ground[1] - ground[0]) / CEILING_TILE, (ground[3] - ground[2]) / CEILING_TILE)
     scene.level(ground, plan.height, 1, repeated, down=True)
     return World(
-        *scene.triangles(),
+        np.array(scene.quads)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 5),
+        np.repeat(scene.surface, 2).astype(np.int32),
         *with_mipmaps(images),
         *obstacles(plan, rig, body),
         [profile(s.texels, (rig.camera_height - s.bottom) / (s.height - s.bottom)) for s in surfaces],
