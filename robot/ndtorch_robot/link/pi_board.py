@@ -158,8 +158,8 @@ class PiDrive(SerialDrive):
 
     def __init__(self, kind: str, settings: PiSettings, opening: Opening) -> None:
         command = [*PROGRAM, kind, opening.board_name, settings.model_dump_json()]
-        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-        self.board = subprocess.Popen(command, **pipes, text=True, start_new_session=True)
+        pipe = subprocess.PIPE
+        self.board = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
         assert self.board.stdout is not None
         device = self.board.stdout.readline().strip()
         if not device:
