@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     )
     from ndtorch.scenes.bars import Bar, BarScene
     from ndtorch.scenes.base import FrameSource, RenderedScene
-    from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
-    from ndtorch.scenes.named import SCENES, NamedScene, make_scene, scene_names
+    from ndtorch.scenes.fluctuation import Distance, Fluctuation, RandomShadow, SineShadow
+    from ndtorch.scenes.named import SCENES, NamedScene, make_scene
     from ndtorch.scenes.patterns import (
         Pattern,
         counterphase_grating,
@@ -48,7 +48,6 @@ __all__ = [
     "Fluctuation",
     "FrameSource",
     "NamedScene",
-    "NoFluctuation",
     "Pattern",
     "RandomShadow",
     "RenderedScene",
@@ -71,7 +70,6 @@ __all__ = [
     "plaid",
     "random_dots",
     "rings",
-    "scene_names",
     "static_bar",
     "three_bars",
     "two_bars",

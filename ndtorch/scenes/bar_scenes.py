@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Unpack
 
 import torch
 
 from ndtorch.errors import InputError
 from ndtorch.scenes.bars import SIZE, Bar, BarOptions, BarScene, split
-from ndtorch.scenes.base import PerScene, numbers, pairs
-from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
+from ndtorch.scenes.base import PerScene, for_each_scene, numbers
+from ndtorch.scenes.fluctuation import Distance, Fluctuation, RandomShadow, SineShadow
 from ndtorch.scenes.named import SECONDS
 
 Color = tuple[float, float, float]
@@ -98,7 +98,7 @@ def two_bars(
     >>> two_bars(phase=[0, 90]).batch
     (2,)
     """
-    bars = _scenes(lambda lead, _: _red_and_green(lead, colors, shift, options), phase, 0.0)
+    bars = for_each_scene(lambda lead: _red_and_green(lead, colors, shift, options), phase=phase)
     return BarScene(bars, seconds, _fluctuation(fluctuation, phase, 2, seed), name="two-bars", **split(options)[1])
 
 
@@ -131,8 +131,8 @@ def three_bars(
         start = (0.65 * width + shift[0] + offset, 0.375 * height + shift[1])
         return [*_red_and_green(lead, colors[:2], shift, options), Bar(colors[2], 180.0, start, **look)]
 
-    kind = _fluctuation(fluctuation, phase, 3, seed)
-    return BarScene(_scenes(bars, phase, blue_offset), seconds, kind, name="three-bars", **shown)
+    scenes = for_each_scene(bars, phase=phase, blue_offset=blue_offset)
+    return BarScene(scenes, seconds, _fluctuation(fluctuation, phase, 3, seed), name="three-bars", **shown)
 
 
 def equal_bars(
@@ -170,14 +170,6 @@ def _red_and_green(lead: float, colors: Sequence[Color], shift: tuple[float, flo
     return [Bar(colors[0], -30.0, (red_x, red_y), **look), Bar(colors[1], 210.0, (green_x, green_y), **look)]
 
 
-def _scenes(
-    make: Callable[[float, float], list[Bar]], phase: PerScene, offset: PerScene
-) -> list[Bar] | list[list[Bar]]:
-    """The bars of one scene, or of B scenes where `phase` or `offset` holds B values."""
-    values = pairs("phase", phase, "blue_offset", offset)
-    return make(*values) if isinstance(values, tuple) else [make(*value) for value in values]
-
-
 def _fluctuation(kind: str | Fluctuation, phase: PerScene, bars: int, seed: int | Sequence[int]) -> Fluctuation:
     if isinstance(kind, Fluctuation):
         return kind
@@ -186,7 +178,7 @@ def _fluctuation(kind: str | Fluctuation, phase: PerScene, bars: int, seed: int 
     if kind == "random":
         return RandomShadow(seed)
     if kind == "none":
-        return NoFluctuation()
+        return Fluctuation()
     if kind == "distance":
         return Distance(phase=numbers("phase", phase, 1)[..., None] * torch.arange(bars, dtype=torch.float64))
     raise InputError(f"fluctuation must be 'shadow', 'distance', 'random' or 'none', got {kind!r}")

@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_number
+from ndtorch.arguments import check_number, is_finite
 from ndtorch.errors import InputError
-from ndtorch.scenes.base import RenderedScene, check_color, check_place
-from ndtorch.scenes.fluctuation import Fluctuation, NoFluctuation
+from ndtorch.scenes.base import RenderedScene
+from ndtorch.scenes.fluctuation import Fluctuation
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,13 @@ class Bar:
     width: float = 12.0
 
     def __post_init__(self) -> None:
-        check_color("color", self.color)
-        check_place("start", self.start)
+        color, start = self.color, self.start
+        if not (
+            isinstance(color, tuple | list) and len(color) == 3 and all(is_finite(x) and 0 <= x <= 1 for x in color)
+        ):
+            raise InputError(f"color must be red, green and blue in 0..1, got {repr(color)[:40]}")
+        if not (isinstance(start, tuple | list) and len(start) == 2 and all(map(is_finite, start))):
+            raise InputError(f"start must be a column and a row, got {repr(start)[:40]}")
         for name in ("direction", "speed", "length", "width"):
             check_number(name, getattr(self, name))
         check_number("orientation", self.tilt)
@@ -117,9 +122,15 @@ class BarScene(RenderedScene):
         device: torch.device | str = "cpu",
     ) -> None:
         super().__init__(name, seconds, fps, size, device)
-        scenes, batch = _as_scenes(bars)
-        self.bars = scenes if batch else scenes[0]
-        self.fluctuation = NoFluctuation() if fluctuation is None else fluctuation
+        if len(bars) == 0:
+            raise InputError("bars must hold at least one bar, got none")
+        single = isinstance(bars[0], Bar)
+        scenes = [list(scene) for scene in cast(Sequence[Sequence[Bar]], [bars] if single else bars)]
+        if len({len(scene) for scene in scenes}) != 1 or not scenes[0]:
+            raise InputError(f"every scene must hold the same number of bars, got {[len(s) for s in scenes]}")
+        batch = () if single else (len(scenes),)
+        self.bars = scenes[0] if single else scenes
+        self.fluctuation = fluctuation or Fluctuation()
         light = self.fluctuation.light(self.size)
         scale = self.fluctuation.scale(torch.zeros(1, dtype=torch.float64))
         n_bars = len(scenes[0])
@@ -148,7 +159,15 @@ class BarScene(RenderedScene):
         colors = torch.tensor([b.color for b in flat], dtype=torch.float32).view(*batch, n_bars, 3)
         self._color = colors.expand(*self.batch, n_bars, 3).to(self.device)
         self._light = light.expand(*self.batch, n_bars, *light.shape[-2:]).contiguous().to(self.device)
-        self._reach = [_reach(flat[k::n_bars], self.size) for k in range(n_bars)]
+        # How far from its center, in columns and in rows, each bar may touch a pixel center.
+        across, along = self._width / 2 + 0.5, self._length / 2 + 0.5
+        cos, sin = self._cos.abs(), self._sin.abs()
+        reach = torch.stack([across * cos + along * sin, across * sin + along * cos], -1)
+        self._reach = reach.reshape(-1, n_bars, 2).amax(0).tolist()
+        for reach_x, reach_y in self._reach:
+            if math.floor(2 * reach_x) + 1 > self.size[1] or math.floor(2 * reach_y) + 1 > self.size[0]:
+                one = f"{2 * reach_y:.0f} rows and {2 * reach_x:.0f} columns, size is {size[0]} x {size[1]}"
+                raise InputError(f"bars must fit into the image: one takes {one}")
 
     def frames(self, start: int, stop: int) -> Tensor:
         """Frames number `start` to `stop - 1`, `[*batch, T, 3, H, W]` float32 in 0..1."""
@@ -167,35 +186,31 @@ class BarScene(RenderedScene):
             seconds: for which the bars have moved, float64.
             light: brightness of each bar at those moments, `[T]`; None for that of the fluctuation.
         """
-        if len(seconds):
-            scale = self.fluctuation.scale(seconds).expand(*self.batch, len(self._reach), len(seconds))
-            for k in range(len(self._reach)):
-                self._paint(canvas, k, seconds, scale[..., k, :], light[k] if light is not None else None)
+        (height, width), scales = self.size, self.fluctuation.scale(seconds)
+        scales = scales.expand(*self.batch, len(self._reach), len(seconds))
+        for k, (reach_x, reach_y) in enumerate(self._reach):  # only the patch around each bar is touched
+            scale = scales[..., k, :]
+            columns, u_x, v_x = self._axis(self._x, self._vx, k, seconds, reach_x, self._cos, -self._sin)
+            rows, u_y, v_y = self._axis(self._y, self._vy, k, seconds, reach_y, -self._sin, -self._cos)
+            columns, rows = columns.remainder_(width), rows.remainder_(height)
 
-    def _paint(self, canvas: Tensor, k: int, seconds: Tensor, scale: Tensor, own: Tensor | None) -> None:
-        """Paint bar k into `canvas` `[*batch, T, 3, H W]`: only the patch around it is touched."""
-        height, width = self.size
-        reach_x, reach_y = self._reach[k]
-        columns, u_x, v_x = self._axis(self._x, self._vx, k, seconds, reach_x, self._cos, -self._sin)
-        rows, u_y, v_y = self._axis(self._y, self._vy, k, seconds, reach_y, -self._sin, -self._cos)
-        columns, rows = columns.remainder_(width), rows.remainder_(height)
+            cover = _ramp(u_x[..., None, :] + u_y[..., :, None], self._width[..., k, None] * scale)
+            cover *= _ramp(v_x[..., None, :] + v_y[..., :, None], self._length[..., k, None] * scale)
+            where = rows[..., :, None] * width + columns[..., None, :]
+            if light is None:
+                shadow = self._light[..., k, :, :]
+                # Light that is the same in all rows is looked up by column alone.
+                in_light = where if shadow.shape[-2] > 1 else columns[..., None, :]
+                places = in_light.flatten(len(self.batch))
+                brightness = shadow.flatten(-2).gather(-1, places).view(in_light.shape)
+            else:
+                brightness = light[k][:, None, None]
+            lit = self._color[..., k, :][..., None, :, None, None] * brightness[..., None, :, :]
 
-        cover = _ramp(u_x[..., None, :] + u_y[..., :, None], self._width[..., k, None] * scale)
-        cover *= _ramp(v_x[..., None, :] + v_y[..., :, None], self._length[..., k, None] * scale)
-        where = rows[..., :, None] * width + columns[..., None, :]
-        if own is None:
-            light = self._light[..., k, :, :]
-            # Light that is the same in all rows is looked up by column alone.
-            in_light = where if light.shape[-2] > 1 else columns[..., None, :]
-            brightness = light.flatten(-2).gather(-1, in_light.flatten(len(self.batch))).view(in_light.shape)
-        else:
-            brightness = own[:, None, None]
-        lit = self._color[..., k, :][..., None, :, None, None] * brightness[..., None, :, :]
-
-        pixels = where.flatten(-2)[..., None, :].expand(*where.shape[:-2], 3, -1)
-        behind = canvas.gather(-1, pixels).view(*canvas.shape[:-1], *where.shape[-2:])
-        painted = behind + cover[..., None, :, :] * (lit - behind)
-        canvas.scatter_(-1, pixels, painted.flatten(-2))
+            pixels = where.flatten(-2)[..., None, :].expand(*where.shape[:-2], 3, -1)
+            behind = canvas.gather(-1, pixels).view(*canvas.shape[:-1], *where.shape[-2:])
+            painted = behind + cover[..., None, :, :] * (lit - behind)
+            canvas.scatter_(-1, pixels, painted.flatten(-2))
 
     def _axis(
         self, at: Tensor, velocity: Tensor, k: int, seconds: Tensor, reach: float, u: Tensor, v: Tensor
@@ -226,31 +241,3 @@ def _ramp(distance: Tensor, extent: Tensor) -> Tensor:
     edge = (extent / 2 + 0.5).float()[..., None, None]
     top = extent.clamp(max=1.0).float()[..., None, None]
     return torch.minimum(distance.abs_().neg_().add_(edge).clamp_(min=0.0), top)
-
-
-def _reach(bars: Sequence[Bar], size: tuple[int, int]) -> tuple[float, float]:
-    """How far from its center, in columns and in rows, the widest of `bars` may touch a pixel center."""
-    reach_x = reach_y = 0.0
-    for bar in bars:
-        tilt = math.radians(bar.tilt)
-        cos, sin = abs(math.cos(tilt)), abs(math.sin(tilt))
-        across, along = bar.width / 2 + 0.5, bar.length / 2 + 0.5
-        reach_x, reach_y = max(reach_x, across * cos + along * sin), max(reach_y, across * sin + along * cos)
-    if math.floor(2 * reach_x) + 1 > size[1] or math.floor(2 * reach_y) + 1 > size[0]:
-        raise InputError(
-            f"bars must fit into the image: one takes {2 * reach_y:.0f} rows and {2 * reach_x:.0f} columns, "
-            f"size is {size[0]} x {size[1]}"
-        )
-    return reach_x, reach_y
-
-
-def _as_scenes(bars: Sequence[Bar] | Sequence[Sequence[Bar]]) -> tuple[list[list[Bar]], tuple[int, ...]]:
-    """Lists of bars, one a scene, and the batch shape: () for one scene, (B,) for a list of scenes."""
-    if len(bars) == 0:
-        raise InputError("bars must hold at least one bar, got none")
-    if isinstance(bars[0], Bar):
-        return [list(cast(Sequence[Bar], bars))], ()
-    scenes = [list(scene) for scene in cast(Sequence[Sequence[Bar]], bars)]
-    if len({len(scene) for scene in scenes}) != 1 or not scenes[0]:
-        raise InputError(f"every scene must hold the same number of bars, got {[len(s) for s in scenes]}")
-    return scenes, (len(scenes),)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -146,6 +146,8 @@ def planes(frames: Any, dims: int) -> Tensor:
     return image if image.shape[-3] in (1, 3) else image.movedim(-1, -3)
 
 
+Made = TypeVar("Made")
+
 PerScene = float | Sequence[float] | Tensor
 """One number, or B numbers for a batch of B scenes."""
 
@@ -160,30 +162,14 @@ def check_seed(seed: object) -> None:
         raise InputError(f"seed must be a whole number or several, got {repr(seed)[:40]}")
 
 
-def check_color(name: str, color: object) -> None:
-    """Raise `InputError` unless it is red, green and blue in 0..1."""
-    if not (isinstance(color, tuple | list) and len(color) == 3 and all(is_finite(x) and 0 <= x <= 1 for x in color)):
-        raise InputError(f"{name} must be red, green and blue in 0..1, got {repr(color)[:40]}")
-
-
-def check_place(name: str, place: object) -> None:
-    """Raise `InputError` unless it is a column and a row."""
-    if not (isinstance(place, tuple | list) and len(place) == 2 and all(map(is_finite, place))):
-        raise InputError(f"{name} must be a column and a row, got {repr(place)[:40]}")
-
-
-def pairs(
-    first_name: str, first: PerScene, second_name: str, second: PerScene
-) -> tuple[float, float] | list[tuple[float, float]]:
-    """The two values of one scene, or B of them; one number goes with every scene of the other's batch."""
-    a, b = numbers(first_name, first, 1).numpy(), numbers(second_name, second, 1).numpy()
+def for_each_scene(make: Callable[..., Made], **values: PerScene) -> Made | list[Made]:
+    """What `make` gives of the values of one scene, or of B scenes where some of them hold B values."""
+    each = (numbers(name, one, 1).numpy() for name, one in values.items())
     try:
-        a, b = np.broadcast_arrays(a, b)
+        rows = np.stack(np.broadcast_arrays(*each), -1)
     except ValueError as error:
-        raise InputError(f"{first_name} and {second_name} must hold equally many values") from error
-    if a.ndim == 0:
-        return float(a), float(b)
-    return list(zip(a.tolist(), b.tolist(), strict=True))
+        raise InputError(f"{' and '.join(values)} must hold equally many values") from error
+    return make(*rows.tolist()) if rows.ndim == 1 else [make(*row) for row in rows.tolist()]
 
 
 def numbers(name: str, value: object, most_dims: int, least_dims: int = 0) -> Tensor:

@@ -14,7 +14,7 @@ from ndtorch.scenes.base import PerBar, check_seed, numbers
 
 
 class Fluctuation:
-    """Bars that do not fluctuate: steady light, steady size.
+    """Bars that do not fluctuate: steady light and steady size, so nothing separates them but their places.
 
     The kinds below change one of the two methods. `*batch` is empty or `[B]`, and `bars` may be 1 where
     all bars share the values.
@@ -27,10 +27,6 @@ class Fluctuation:
     def scale(self, seconds: Tensor) -> Tensor:
         """Factor on length and width, at most 1, at times `[T]` float64: `[*batch, bars, T]` float64."""
         return torch.ones(1, len(seconds), dtype=torch.float64, device=seconds.device)
-
-
-class NoFluctuation(Fluctuation):
-    """Steady light and steady size: nothing separates the bars but their places."""
 
 
 class SineShadow(Fluctuation):
@@ -48,9 +44,7 @@ class SineShadow(Fluctuation):
     """
 
     def __init__(self, period: PerBar = 50.0, mean: float = 0.5, amplitude: float = 0.25, phase: PerBar = 0.0) -> None:
-        self.period, self.phase = (
-            torch.atleast_1d(numbers(n, v, 2)) for n, v in (("period", period), ("phase", phase))
-        )
+        self.period, self.phase = numbers("period", period, 2, 1), numbers("phase", phase, 2, 1)
         self.mean, self.amplitude = mean, amplitude
         if not bool((self.period > 0).all()):
             raise InputError(f"period must be positive pixels, got {period}")

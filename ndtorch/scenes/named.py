@@ -65,15 +65,6 @@ SCENES: dict[str, NamedScene] = {
 """Every scene that has a name. Options given to `make_scene` win over the fixed ones."""
 
 
-def scene_names() -> list[str]:
-    """The names `make_scene` knows, in the order of the papers.
-
-    >>> scene_names()[:3]
-    ['one-bar', 'two-bars', 'three-bars']
-    """
-    return list(SCENES)
-
-
 def make_scene(name: str, **options: Any) -> FrameSource:
     """Build the scene `name` with the options of its builder (`seconds`, `fps`, `size`, `phase`, ...).
 

@@ -91,6 +91,9 @@ def wave(cycles: Tensor, profile: Profile, duty: float = 0.5, pixel: Tensor | fl
     mean over a pixel, in cycles."""
     if profile == "sine":
         return (2 * math.pi * cycles).sin()
+    if profile != "square":
+        raise InputError(f"profile must be sine or square, got {profile!r}")
+    check_number("duty", duty, least=0)
 
     def bright_until(z: Tensor) -> Tensor:
         return z.floor() * duty + (z - z.floor()).clamp(max=duty)
@@ -98,13 +101,6 @@ def wave(cycles: Tensor, profile: Profile, duty: float = 0.5, pixel: Tensor | fl
     if isinstance(pixel, Tensor):
         return 2 * (bright_until(cycles + pixel / 2) - bright_until(cycles - pixel / 2)) / pixel - 1
     return 2.0 * ((cycles + 1e-9) % 1 < duty) - 1
-
-
-def check_profile(profile: str, duty: float) -> None:
-    """Raise `InputError` for what is no profile."""
-    if profile not in ("sine", "square"):
-        raise InputError(f"profile must be sine or square, got {profile!r}")
-    check_number("duty", duty, least=0)
 
 
 def grating(
@@ -134,7 +130,6 @@ def grating(
     >>> grating(wavelength=[10.0, 20.0], seconds=1.0).frames(0, 2).shape
     torch.Size([2, 2, 3, 100, 100])
     """
-    check_profile(profile, duty)
     length, rate = number("wavelength", wavelength, above=0), number("temporal_frequency", temporal_frequency)
     u, shift, depth = along(direction), number("phase", phase) / 360, number("contrast", contrast)
     return Pattern(
@@ -244,7 +239,6 @@ def flicker(
 ) -> Pattern:
     """Flicker of the whole field, `mean (1 + contrast sin(2 pi temporal_frequency t))`, or a square wave that is bright
     for the share `duty` of a cycle."""
-    check_profile(profile, duty)
     rate, depth = number("temporal_frequency", temporal_frequency), number("contrast", contrast)
     return Pattern("flicker", lambda x, y, t: mean * (1 + depth * wave(rate * t, profile, duty)), **screen)
 

@@ -222,9 +222,10 @@ class LiveReader(Reader):
     def __init__(self, source: int | str) -> None:
         address = isinstance(source, str) and "://" in source
         self.what = source if isinstance(source, str) else f"camera {source}"
-        self._frames = self._open_address(str(source)) if address else self._open_camera(source)
-        began, self._first = time.monotonic(), list[StampedFrame]()
-        for frame in self._frames:
+        self._frames = self._from_address(str(source)) if address else self._from_camera(source)
+        began, self._first = math.inf, list[StampedFrame]()
+        for frame in self._frames:  # it is opened as the first frame is read
+            began = min(began, time.monotonic())
             self._first.append(frame)
             if len(self._first) >= FIRST_FRAMES or time.monotonic() - began > FIRST_S:
                 break
@@ -238,7 +239,7 @@ class LiveReader(Reader):
         # A camera whose frames were waiting is not faster than it says.
         self.fps = declared if declared and (measured >= 0.8 * declared or len(self._first) < 3) else measured
 
-    def _open_camera(self, source: int | str) -> Iterator[StampedFrame]:
+    def _from_camera(self, source: int | str) -> Iterator[StampedFrame]:
         import cv2
 
         self._device: Any = open_capture(source)
@@ -246,9 +247,6 @@ class LiveReader(Reader):
             raise InputError(f"{self.what} cannot be opened: not there, in use, or no permission")
         declared = float(self._device.get(cv2.CAP_PROP_FPS))
         self._declared = declared if 0 < declared < 1e9 else 0.0
-        return self._from_camera()
-
-    def _from_camera(self) -> Iterator[StampedFrame]:
         began = time.monotonic()
         while True:
             there, image = self._device.read()
@@ -257,7 +255,7 @@ class LiveReader(Reader):
                 return
             yield StampedFrame(image, time.monotonic() - began)
 
-    def _open_address(self, address: str) -> Iterator[StampedFrame]:
+    def _from_address(self, address: str) -> Iterator[StampedFrame]:
         import av
 
         check_scheme(address)
@@ -276,9 +274,6 @@ class LiveReader(Reader):
         stamped = self._device.format.name not in ARRIVAL
         # Of a format without time stamps FFmpeg says 25, whatever comes.
         self._declared = float(stream.guessed_rate or 0) if stamped else 0.0
-        return self._from_address(stream, stamped)
-
-    def _from_address(self, stream: Any, stamped: bool) -> Iterator[StampedFrame]:
         began = last = time.monotonic()
         for frame in decoded(self._device, stream):
             if frame is None:

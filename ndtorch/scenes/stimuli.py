@@ -10,7 +10,7 @@ from torch import Tensor
 from ndtorch.errors import InputError
 from ndtorch.scenes.bar_scenes import Color
 from ndtorch.scenes.bars import Bar, BarOptions, BarScene, split
-from ndtorch.scenes.base import PerScene, pairs
+from ndtorch.scenes.base import PerScene, for_each_scene
 from ndtorch.scenes.fluctuation import Fluctuation
 
 WHITE: Color = (1.0, 1.0, 1.0)
@@ -46,12 +46,8 @@ def moving_bar(
     options = {"size": (100, 100), **options}
     at = ((options["size"][1] - 1) / 2, (options["size"][0] - 1) / 2) if start is None else start
     look, shown = split(options)
-    angles = pairs("direction", direction, "orientation", direction if orientation is None else orientation)
-
-    def bar(towards: float, tilt: float) -> list[Bar]:
-        return [Bar(color, towards, at, tilt, **look)]
-
-    bars = bar(*angles) if isinstance(angles, tuple) else [bar(*pair) for pair in angles]
+    tilts = direction if orientation is None else orientation
+    bars = for_each_scene(lambda a, b: [Bar(color, a, at, b, **look)], direction=direction, orientation=tilts)
     return BarScene(bars, seconds, fluctuation, name="moving-bar", **shown)
 
 

@@ -72,11 +72,10 @@ def open_video(
         raise InputError(f"fit must be 'crop', 'stretch' or 'reduce', got {fit!r}")
     if fps is not None and not (is_finite(fps) and fps > 0):
         raise InputError(f"fps must be a positive number of frames per second, got {repr(fps)[:40]}")
-    if not all(part is None or is_whole(part) for part in (start, stop)):
-        raise InputError(f"start and stop must be frame numbers, got {repr(start)[:40]} and {repr(stop)[:40]}")
-    first = start or 0
-    if first < 0 or (stop is not None and stop <= first):
-        raise InputError(f"start and stop must be frame numbers with 0 <= start < stop, got {start} and {stop}")
+    first = 0 if start is None else start
+    if not is_whole(first) or first < 0 or (stop is not None and not (is_whole(stop) and stop > first)):
+        given = f"{repr(start)[:40]} and {repr(stop)[:40]}"
+        raise InputError(f"start and stop must be frame numbers with 0 <= start < stop, got {given}")
     if not (is_whole(every) and every >= 1):
         raise InputError(f"every must be a number of frames from 1, got {every}")
     reader, name = open_reader(source)
@@ -142,7 +141,12 @@ class VideoSource(FrameSource):
             size = (rows, max(8, round(rows * reader.size[1] / reader.size[0] / 8) * 8))
         self.name, self.fps, self.size = name, float(reader.fps) / every, size
         self.silent = ""
-        self.pixel_map = _pixel_map(reader.size, size, fit)
+        height, width = reader.size
+        scale = max(size[0] / height, size[1] / width)
+        self._wide = (round(height * scale), round(width * scale)) if fit == "crop" else size
+        top, left = self._corner = round((self._wide[0] - size[0]) / 2), round((self._wide[1] - size[1]) / 2)
+        down, across = height / self._wide[0], width / self._wide[1]
+        self.pixel_map = PixelMap(across, down, left * across, top * down)
         self._latest: list[Image] = []
         self._reader, self._start, self._stop, self._every, self._fit = reader, start, stop, every, fit
         self._grey_noted = self._closed = False
@@ -202,8 +206,9 @@ class VideoSource(FrameSource):
         self._skip = 0
         images = paced(islice(reader.read(), self._stop), reader.fps, log, reader.timed, first, self._note_jump)
         images = islice(images, start * every, None, every)
-        while batch := [self._frame(image) for image in self._large(images, frames)]:
-            yield torch.stack(batch)
+        while large := list(islice(images, frames)):
+            self._latest = large if reader.stretch is None else [reader.stretch(image) for image in large]
+            yield torch.stack([self._frame(image) for image in self._latest])
         if self._closed:
             return
         received = len(log) // 2
@@ -230,19 +235,16 @@ class VideoSource(FrameSource):
         warnings.warn(line, stacklevel=3)
         self.cuts = (*self.cuts, time)
 
-    def _large(self, images: Iterator[Image], frames: int) -> list[Image]:
-        """The next frames as large as the source has them."""
-        stretch = self._reader.stretch
-        self._latest = [image if stretch is None else stretch(image) for image in islice(images, frames)]
-        return self._latest
-
     def _frame(self, image: Image) -> Tensor:
         if image.ndim == 2 and not self._grey_noted:
             warnings.warn(f"video {self.name} is grey: copied into red, green and blue", stacklevel=4)
             self._grey_noted = True
         if self._fit == "reduce":
             return torch.from_numpy(_rgb(reduced(image, self.size))).permute(2, 0, 1)
-        return _resized(torch.from_numpy(_rgb(image)).permute(2, 0, 1), self.size, self._fit)
+        picture = torch.from_numpy(_rgb(image)).permute(2, 0, 1)[None]
+        wide = torch.nn.functional.interpolate(picture, self._wide, mode="bilinear", antialias=True)[0]
+        (top, left), (height, width) = self._corner, self.size
+        return wide[:, top : top + height, left : left + width].contiguous()
 
 
 def paced(
@@ -309,16 +311,6 @@ def _rgb(image: Image) -> Image:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB))
 
 
-def _pixel_map(full: tuple[int, int], size: tuple[int, int], fit: Fit) -> PixelMap:
-    """From the frames that are delivered to those of the source."""
-    if fit != "crop":
-        return PixelMap(full[1] / size[1], full[0] / size[0])
-    scale = max(size[0] / full[0], size[1] / full[1])
-    wide = round(full[0] * scale), round(full[1] * scale)
-    down, across = full[0] / wide[0], full[1] / wide[1]
-    return PixelMap(across, down, round((wide[1] - size[1]) / 2) * across, round((wide[0] - size[0]) / 2) * down)
-
-
 def reduced(image: Image, size: tuple[int, int]) -> Image:
     """The image at another size: averaged over whole blocks first, then interpolated; a third of the time of areas."""
     import cv2
@@ -330,13 +322,3 @@ def reduced(image: Image, size: tuple[int, int]) -> Image:
     if image.shape[:2] != size:
         image = np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
     return image
-
-
-def _resized(image: Tensor, size: tuple[int, int], fit: Fit) -> Tensor:
-    """`[3, h, w]` uint8 as `[3, *size]` uint8."""
-    height, width = image.shape[-2:]
-    scale = max(size[0] / height, size[1] / width)
-    target = list(size) if fit == "stretch" else [round(height * scale), round(width * scale)]
-    wide = torch.nn.functional.interpolate(image[None], target, mode="bilinear", antialias=True)[0]
-    top, left = round((target[0] - size[0]) / 2), round((target[1] - size[1]) / 2)
-    return wide[:, top : top + size[0], left : left + size[1]].contiguous()
