@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import platform
 import re
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
@@ -49,42 +50,45 @@ class Shown(NamedTuple):
     caption: str
 
 
-@dataclass
-class Page:
-    """What a report says.
+def write_page(
+    folder: Path,
+    title: str,
+    answer: Sequence[str],
+    facts: Mapping[str, str] = MappingProxyType({}),
+    tables: Sequence[Table] = (),
+    shown: Sequence[Shown] = (),
+    *,
+    name: str = NAME,
+    used: Sequence[str] = (),
+) -> Path:
+    """Write a page into a folder, with the command that runs it again; returns the file. Text is escaped.
 
-    Attributes:
+    Args:
         title: what was looked at.
         answer: what was found, a paragraph each.
-        command: how to run it again.
-        facts: model, versions and the rest, by name.
+        facts: model and the rest, by name; versions follow.
         tables, shown: in the order of the page. Files that are not there are left out.
+        used: distributions whose versions are facts too.
     """
-
-    title: str
-    answer: Sequence[str]
-    command: str
-    facts: Mapping[str, str]
-    tables: Sequence[Table] = ()
-    shown: Sequence[Shown] = field(default_factory=list)
-
-    def write(self, folder: Path, name: str = NAME) -> Path:
-        """Write the page into `folder`; returns the file."""
-        there = [one for one in self.shown if one.file.is_file()]
-        media = [{**one._asdict(), "film": one.file.suffix == ".mp4", "address": address(one.file)} for one in there]
-        path = folder / name
-        write_text(path, render("run.html", **{**vars(self), "media": media}))
-        return path
-
-
-def render(template: str, folder: Path | None = None, **values: Any) -> str:
-    """A template filled in; `folder` has more templates, which may extend `base.html`. Text is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    folders = [Path(__file__).with_name("templates"), *([] if folder is None else [folder])]
+    there = [one for one in shown if one.file.is_file()]
+    media = [{**one._asdict(), "film": one.file.suffix == ".mp4", "address": address(one.file)} for one in there]
+    program = Path(sys.argv[0]).name
+    command = shlex.join(["ndtorch" if program == "__main__.py" else program, *sys.argv[1:]])
     options: dict[str, Any] = {"autoescape": True, "trim_blocks": True, "lstrip_blocks": True}
-    environment = Environment(loader=FileSystemLoader(folders), undefined=StrictUndefined, **options)
-    return environment.get_template(template).render(**values)
+    loader = FileSystemLoader(Path(__file__).with_name("templates"))
+    template = Environment(loader=loader, undefined=StrictUndefined, **options).get_template("page.html")
+    said = {
+        "title": title,
+        "answer": answer,
+        "tables": tables,
+        "media": media,
+        "facts": {**facts, **versions(*used)},
+        "command": command,
+    }
+    write_text(folder / name, template.render(**said))
+    return folder / name
 
 
 def address(file: Path) -> str:
@@ -103,19 +107,11 @@ def link(address: str, text: str) -> str:
 
 def versions(*distributions: str) -> dict[str, str]:
     """Python, the processor and the versions of what was used, as facts of a page."""
-    used = {}
+    used = {"Python": platform.python_version(), "machine": f"{platform.system()}, {platform.machine()}"}
     for name in ("ndtorch", *distributions, "torch"):
-        try:
+        with contextlib.suppress(PackageNotFoundError):  # a checkout that is on the path
             used[name] = version(name)
-        except PackageNotFoundError:
-            used[name] = "not installed"
-    return {**used, "Python": platform.python_version(), "machine": f"{platform.system()}, {platform.machine()}"}
-
-
-def command_line() -> str:
-    """The command that this process was started with, to run it again."""
-    name = Path(sys.argv[0]).name
-    return shlex.join(["ndtorch" if name in ("__main__.py", "ndtorch") else name, *sys.argv[1:]])
+    return used
 
 
 SHOWN = (
@@ -143,7 +139,6 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
         "frames": f"{result.frames} of {width} x {height} pixels, {result.simulated_seconds:g} s",
         "model": chosen,
         "time taken": f"{result.wall_seconds:.1f} s",
-        **versions(),
     }
     rows = []
     for thing in result.objects:
@@ -154,8 +149,7 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
     remark = "Shares of the strongest; an empty cell: none of it."
     tables = [Table("Features of every object", heads, rows, remark)] if rows else []
     shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN]
-    title = f"{result.source.name}: what moves together"
-    return Page(title, findings(result), command_line(), facts, tables, shown).write(folder)
+    return write_page(folder, f"{result.source.name}: what moves together", findings(result), facts, tables, shown)
 
 
 def folder_name(name: str) -> str:

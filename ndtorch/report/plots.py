@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
-    from torch import Tensor
 
     from ndtorch.vision.tuning import TuningCurve
 
@@ -252,23 +251,19 @@ def draw_tuning(curve: TuningCurve, path: str | Path) -> Path:
     """The response over the first parameter, a line for each value of the second, dots; formulas as lines."""
     from matplotlib.figure import Figure
 
-    names = list(curve.axes)
-    x = curve.axes[names[0]]
+    names, x = list(curve.axes), curve.axes[next(iter(curve.axes))]
+    others = curve.axes[names[1]] if names[1:] else [0.0]
     figure = Figure((7, 4.5), dpi=DPI, layout="constrained")
     axes = figure.add_subplot()
-    others = curve.axes[names[1]] if names[1:] else [0.0]
-    shown = sorted({round(k * (len(others) - 1) / 5) for k in range(6)})
-    for number, k in enumerate(shown):
-        color = f"C{number}"
-
-        def values(of: Tensor, k: int = k) -> list[float]:
-            line: list[float] = of.reshape(len(x), len(others), -1)[:, k, 0].tolist()
-            return line
-
+    of = {
+        name: values.reshape(len(x), len(others), -1)[..., 0].mT.tolist()
+        for name, values in {"": curve.response, **curve.formulas}.items()
+    }
+    for number, k in enumerate(sorted({round(k * (len(others) - 1) / 5) for k in range(6)})):
         label = f"{names[1]} {others[k]:g}" if names[1:] else "response"
-        axes.plot(x, values(curve.response), "o", color=color, ms=4, label=label)
-        for (name, formula), dashes in zip(curve.formulas.items(), ("-", ":"), strict=False):
-            axes.plot(x, values(formula), dashes, color=color, lw=1.2, label=name if number == 0 else None)
+        for (name, lines), look in zip(of.items(), ("o", "-", ":"), strict=False):
+            told = (name if number == 0 else None) if name else label
+            axes.plot(x, lines[k], look, color=f"C{number}", ms=4, lw=1.2, label=told)
     if min(x) > 0 and max(x) / min(x) > 8:
         axes.set_xscale("log")
     unit = UNITS.get(names[0])

@@ -262,7 +262,7 @@ def write_tables(outcomes: Sequence[Outcome], folder: Path, weights: bool) -> No
 
 def write_index(outcomes: Sequence[Outcome], sources: int, folder: Path) -> None:
     """index.html: a row a source, with a link to its report."""
-    from ndtorch.report.page import NAME, Page, Table, command_line, link, versions
+    from ndtorch.report.page import NAME, Table, link, write_page
 
     rows = []
     for one in outcomes:
@@ -273,4 +273,4 @@ def write_index(outcomes: Sequence[Outcome], sources: int, folder: Path) -> None
     heads = ("source", "model", "objects", "", "verdict", "confidence", "length", "time taken")
     title = f"{sum(not one.error for one in outcomes)} of {sources} sources"
     answer = [f"Time courses of all: {RESPONSES}, responses.csv."]
-    Page(title, answer, command_line(), versions(), [Table("Sources", heads, rows)]).write(folder, INDEX)
+    write_page(folder, title, answer, tables=[Table("Sources", heads, rows)], name=INDEX)

@@ -51,15 +51,10 @@ class PictureMaker:
             self._last = self._thread.submit(self._show, *pictures)
 
     def take(self, time: float, frame: Tensor, signals: Any, state: Any) -> None:
-        """Make a picture of a frame `[3, H, W]`, signals and state right after it; waits for the one before."""
+        """Enhance a frame `[3, H, W]`, of signals and state right after it; waits for the one before."""
         self.wait()
-        if self.model.tracks:
-            large = self.source.latest()
-            picture = Picture(time, large[-1] if large else to_pixels(shown(frame)))
-            self._last = self._thread.submit(self._show, picture)
-        else:
-            table = self.model.table(state)
-            self._last = self._thread.submit(self._enhance, time, frame.clone(), signals, state, table)
+        table = self.model.table(state)
+        self._last = self._thread.submit(self._enhance, time, frame.clone(), signals, state, table)
 
     def wait(self) -> None:
         """Wait for the picture that is being made; raises what it raised."""

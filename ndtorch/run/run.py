@@ -84,9 +84,9 @@ def run_model(
                         sightings[one.track].append((now, *(one.place or (0.0, 0.0))))
                 for watcher in watchers:
                     watcher.signals(signals, learned, state)
-                if every and model.group:
+                if every and model.tracks:
                     maker.show(frames, start + frames_seen - len(frames), every)
-                elif every and frames_seen % every == 0 and (model.tracks or times):
+                elif every and frames_seen % every == 0 and times:
                     maker.take(now, frames[-1], signals, state)
                 if report is not None:
                     report(len(frames))

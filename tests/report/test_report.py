@@ -19,7 +19,7 @@ from ndtorch.binding import BoundObject, Verdict, bound_objects, object_table
 from ndtorch.cli.commands import main
 from ndtorch.report.exports import STATES, ResponseFile
 from ndtorch.report.films import EnhancedVideo, rgb
-from ndtorch.report.page import Page, Shown, Table
+from ndtorch.report.page import Shown, Table, write_page
 from ndtorch.report.plots import draw_all
 from ndtorch.report.summary import findings, summary
 from ndtorch.run.result import MaskStore, Moment, Picture, RunResult, Trace
@@ -49,8 +49,8 @@ def test_a_page_is_one_file_and_fetches_nothing(tmp_path: Path) -> None:
     shown = [Shown(tmp_path / "a.png", "A picture", "grey"), Shown(tmp_path / "none.png", "Nothing", "not there")]
     (tmp_path / "out").mkdir()
     table = Table("A table", ["column"], [["cell"]])
-    page = Page("<b> & co", ["2 objects"], "ndtorch bind x", {"model": "published"}, [table], shown)
-    text = page.write(tmp_path / "out").read_text(encoding="utf-8")
+    page = write_page(tmp_path / "out", "<b> & co", ["2 objects"], {"model": "published"}, [table], shown)
+    text = page.read_text(encoding="utf-8")
     assert "&lt;b&gt; &amp; co" in text
     assert "Nothing" not in text
     addresses = re.findall(r'(?:src|href)="([^"]*)"', text)

@@ -76,7 +76,7 @@ class DriveArena(DriveConfig):
 
 
 def write_results(result: DriveResult, folder: Path) -> None:
-    from ndtorch.report.page import Page, Shown, command_line, versions
+    from ndtorch.report.page import Shown, write_page
     from ndtorch.report.plots import save
     from ndtorch_robot.drive import FACTS
     from ndtorch_robot.evaluation.plots import map_plot, path_plot
@@ -88,9 +88,10 @@ def write_results(result: DriveResult, folder: Path) -> None:
     save(path_plot(result), folder / "path.png")
     save(map_plot(result), folder / "map.png")
     title, *answer = describe(result).splitlines()
-    facts = {name: str(result.summary[name]) for name in FACTS} | versions("ndtorch-robot")
+    facts = {name: str(result.summary[name]) for name in FACTS}
     shown = [Shown(folder / f"{name}.png", name, words) for name, words in CAPTIONS.items()]
-    Page(f"A drive: {title}", [line.strip() for line in answer], command_line(), facts, (), shown).write(folder)
+    told = [line.strip() for line in answer]
+    write_page(folder, f"A drive: {title}", told, facts, shown=shown, used=["ndtorch-robot"])
 
 
 def describe(result: DriveResult) -> str:

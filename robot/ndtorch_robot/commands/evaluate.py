@@ -54,7 +54,7 @@ class Evaluate(DriveConfig):
     view: Annotated[str, tyro.conf.Suppress] = ""
 
     def run(self) -> int:
-        from ndtorch.report.page import Page, Table, command_line, versions
+        from ndtorch.report.page import Table, write_page
         from ndtorch.utils.files import write_text
         from ndtorch_robot.evaluation.drives import drive_many, drive_once, key_of
         from ndtorch_robot.evaluation.table import markdown, table_of, text_cells
@@ -74,7 +74,7 @@ class Evaluate(DriveConfig):
         hours, hits = table["simulated hours"].sum(), sum(result["collisions"] for result in results)
         answer = [f"{len(results)} drives, {hours:.2f} simulated hours, {hits} collisions.", note]
         tables = [Table("All drives together", list(table), text_cells(table))]
-        Page("Many drives", answer, command_line(), versions("ndtorch-robot"), tables).write(self.out)
+        write_page(self.out, "Many drives", answer, tables=tables, used=["ndtorch-robot"])
         written = f"written to {self.out}: table.md drives.jsonl report.html"
         print(table.to_json(orient="records") if self.json else f"{text}\n{written}")
         return exit_code

@@ -122,7 +122,7 @@ class Benchmark:
         """Write NAME.csv, NAME.md, images and report.html; returns the text to print."""
         import pandas
 
-        from ndtorch.report.page import Page, Table, command_line, versions
+        from ndtorch.report.page import Table, write_page
 
         columns = [column.key for column in self.columns]
         pandas.DataFrame(rows, columns=columns).to_csv(folder / f"{self.name}.csv", index=False, float_format="%.6g")
@@ -142,7 +142,7 @@ class Benchmark:
         (folder / f"{self.name}.md").write_text(text + "\n", encoding="utf-8")
         table = Table("Results", heads, [[cell.strip("*") for cell in line] for line in lines])
         shown = self.draw(rows, folder) if rows else []
-        Page(self.title, [self.note], command_line(), versions("ndtorch-train"), [table], shown).write(folder)
+        write_page(folder, self.title, [self.note], tables=[table], shown=shown, used=["ndtorch-train"])
         return text
 
 
