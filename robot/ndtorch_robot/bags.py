@@ -84,7 +84,9 @@ class StereoBag:
 
     Attributes:
         by_log: whether times are those at which messages were recorded, since images have no stamps that increase.
-        nearest_s: least seconds between images of both cameras, where there was no pair yet.
+        later_s: seconds from the left image to the right one of each pair.
+        alone: number of left and of right images without a partner.
+        nearest_s: least seconds between images of both cameras.
 
     Raises:
         InputError: a bag that cannot be read, without such topics, or of another size than its calibration.
@@ -98,19 +100,23 @@ class StereoBag:
         odometry: str | None = None,
         calibration: Sequence[Path] = (),
         apart_s: float | None = None,
+        shift_s: float = 0.0,
         **where: Any,
     ) -> None:
-        self.path, self.by_log, self.moves, self.nearest_s = path, False, Moves(), math.inf
+        self.path, self.by_log, self.shift_s = path, False, shift_s
         with reading(path) as reader:
             kinds = {connection.topic: connection.msgtype for connection in reader.connections}
             self.topics = find_topics(kinds, left, right, odometry)
-            first = list(itertools.islice(self.messages(reader, [self.topics.left]), FIRST_IMAGES))
-            stamps = [ros.stamp_seconds(message) for _, message, _ in first]
-            self.by_log = len(stamps) > 1 and not np.median(np.diff(stamps)) > 0
-            times = [self.time(message, log) for _, message, log in first]
-            period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-            if not period > 0:
-                raise InputError(f"{self.topics.left} has fewer than two images whose times increase")
+            self.period_s = 0.0  # of the slower camera
+            for topic in self.topics[1::-1]:
+                first = list(itertools.islice(self.messages(reader, [str(topic)]), FIRST_IMAGES))
+                stamps = [ros.stamp_seconds(message) for _, message, _ in first]
+                self.by_log |= len(stamps) > 1 and not np.median(np.diff(stamps)) > 0
+                times = [self.time(message, log) for _, message, log in first]
+                period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+                if not period > 0:
+                    raise InputError(f"{topic} has fewer than two images whose times increase")
+                self.period_s = max(self.period_s, period)
             height, width = ros.image_pixels(first[0][1]).shape[2:]
             if calibration:
                 self.calibration = load_calibration(*calibration, width=width, height=height)
@@ -118,8 +124,8 @@ class StereoBag:
                 self.calibration = self.camera_infos(reader)
         if self.calibration.size != (width, height):
             raise InputError(f"{path}: images of {(width, height)}, and a calibration of {self.calibration.size}")
-        self.rate, pair = 1 / period, self.calibration
-        self.apart_s = period / 4 if apart_s is None else apart_s
+        self.rate, pair = 1 / self.period_s, self.calibration
+        self.apart_s = self.period_s / 4 if apart_s is None else apart_s
         self.rig = StereoRig.from_projections(pair.left.projection, pair.right.projection, width, height, **where)
         name = self.topics.left.removesuffix("/compressed").rpartition("/")[2]
         self.is_rectified = pair.is_rectified or ("rect" in name and not calibration)
@@ -143,24 +149,30 @@ class StereoBag:
     def pairs(self) -> Iterator[tuple[StereoFrames, DriveCommand]]:
         """Frames taken at the same time, to `apart_s`, with the mean motion since the last ones."""
         waiting: tuple[deque[Any], deque[Any]] = (deque(), deque())
-        self.moves, last = Moves(), -math.inf
+        self.moves, self.later_s, self.alone, self.nearest_s = Moves(), list[float](), [0, 0], math.inf
+        last = -math.inf
         with reading(self.path) as reader:
             wanted = [topic for topic in self.topics if topic is not None]
             for topic, message, log in self.messages(reader, wanted):
                 if topic == self.topics.odometry:
                     self.moves.add(message, self.time(message, log))
                     continue
-                waiting[topic == self.topics.right].append((self.time(message, log), message))
+                side = topic == self.topics.right
+                waiting[side].append((self.time(message, log) - side * self.shift_s, message))
                 while waiting[0] and waiting[1]:
                     times = [images[0][0] for images in waiting]
-                    self.nearest_s = min(self.nearest_s, abs(times[0] - times[1]))
-                    if abs(times[0] - times[1]) > self.apart_s:
-                        waiting[times[0] > times[1]].popleft()
+                    later = times[1] - times[0]
+                    self.nearest_s = min(self.nearest_s, abs(later))
+                    if abs(later) > self.apart_s:
+                        waiting[later < 0].popleft()
+                        self.alone[later < 0] += 1
                         continue
                     left, right = (images.popleft()[1] for images in waiting)
+                    self.later_s.append(later)
                     if min(times) > last:
                         last = min(times)
                         yield self.frames(left, right, last), self.moves.mean()
+        self.alone = [number + len(rest) for number, rest in zip(self.alone, waiting, strict=True)]
 
     def frames(self, left: Any, right: Any, time: float) -> StereoFrames:
         images = [ros.image_pixels(message) for message in (left, right)]

@@ -28,9 +28,9 @@ DRIVEN, RATE, START = DriveCommand(0.4, 0.5), 20.0, 1.7e9
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 
 
-def images(frames, n, kind):
+def images(frames, n, kind, later=0.002):
     for side, eye in zip(("left", "right"), frames[:2], strict=True):
-        time, topic = START + n / RATE + (0.002 if side == "right" else 0.0), f"/stereo/{side}/image_rect_color"
+        time, topic = START + n / RATE + (later if side == "right" else 0.0), f"/stereo/{side}/image_rect_color"
         message = ros.image(eye, side, time)
         if kind == "raw":
             message.encoding, message.data = "bgr8", message.data.reshape(-1, 3)[:, ::-1].reshape(-1)
@@ -51,7 +51,7 @@ def to_ros1(message):
     return kind(**{name: to_ros1(getattr(message, name, getattr(message, name.lower(), 0))) for name in names})
 
 
-def write_bag(folder, plugin, kind="raw", count=30, odometry=True, skip=(), infos=None):
+def write_bag(folder, plugin, kind="raw", count=30, odometry=True, skip=(), infos=None, later=0.002):
     """A bag of ROS 2, or of ROS 1 without a plugin."""
     if plugin is None:
         folder = folder.with_suffix(".bag")
@@ -73,7 +73,7 @@ def write_bag(folder, plugin, kind="raw", count=30, odometry=True, skip=(), info
                 k, s = DRIVEN.curvature, DRIVEN.speed * n / RATE
                 circle = Pose(math.sin(k * s) / k, (1 - math.cos(k * s)) / k, k * s)
                 add("/odom", ros.odometry(circle, DRIVEN, START + n / RATE - 0.001), n)
-            for topic, message in images(frames, n, kind):
+            for topic, message in images(frames, n, kind, later):
                 if (n, "left" in topic) not in skip:
                     add(topic, message, n)
             for side, info in zip(("left", "right"), infos or camera_infos(SMALL_RIG), strict=True):
@@ -240,6 +240,34 @@ def test_stamps_of_zero_other_calibrations_and_times_apart(tmp_path, capsys, mon
     arguments = ["import", str(bag), "--out", str(tmp_path / "o.mcap"), "--apart-ms", "1"]
     assert main(arguments) == 1
     assert "nearest are 2 ms apart, more than 1 ms" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("later", "shift", "unpaired", "words"),
+    [
+        (0.002, 0, [0, 0], ""),
+        (0.04, 0, [1, 1], "right images are -10.0 ms later than left ones (-10.0 to -10.0; 50.0 between frames)"),
+        (0.04, 0, [1, 1], "--shift-ms -10, or by 40"),
+        (0.04, 40, [0, 0], ""),
+        (-0.01, 30, [1, 1], "--shift-ms 40, or by -10"),
+    ],
+)
+def test_cameras_whose_clocks_differ(tmp_path, capsys, later, shift, unpaired, words):
+    """A line says how far the stamps of a pair are apart, and the shift with which each image has its own partner."""
+    bag = write_bag(tmp_path / "bag", StoragePlugin.MCAP, count=10, later=later)
+    assert main(["import", str(bag), "--out", str(tmp_path / "o.mcap"), "--shift-ms", str(shift), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["unpaired"] == unpaired
+    assert words in err
+    assert ("later" in err) == bool(words)
+
+
+def test_a_camera_of_half_the_rate(tmp_path):
+    """The rate is that of the pairs."""
+    skip = {(n, False) for n in range(1, 12, 2)}
+    found = StereoBag(write_bag(tmp_path / "bag", StoragePlugin.MCAP, count=12, skip=skip))
+    assert len(list(found.pairs())) == 6
+    assert (found.rate, found.alone) == (pytest.approx(RATE / 2, rel=1e-3), [6, 0])
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,9 @@ import tyro
 GAP_S = 0.5
 """Seconds without frames after which the filters of the navigator restart."""
 
+FAR_APART = 0.05
+"""Median time between the images of a pair, of the time between frames, beyond which a line says so."""
+
 
 @dataclass(frozen=True)
 class Import:
@@ -39,6 +42,8 @@ class Import:
     camera_info)."""
     apart_ms: float | None = None
     """Most time between both images of a pair, in ms (default: a quarter of the time between frames)."""
+    shift_ms: float = 0.0
+    """Time by which stamps of right images are later than those of left images taken at once, in ms."""
     robot: Path | None = None
     """Robot of the bag, a file or one of robot/configs: its body and where its cameras are; calibration and rate are
     the bag's."""
@@ -53,6 +58,7 @@ class Import:
     """Print the result as one JSON object."""
 
     def run(self) -> int:
+        import numpy as np
         import torch
 
         from ndtorch.navigation import Body, SearchParams
@@ -74,7 +80,7 @@ class Import:
             options["controller"] = self.controller
         apart_s = None if self.apart_ms is None else self.apart_ms / 1000
         left, right, odometry, where = self.left, self.right, self.odometry, cameras.mounting
-        bag = StereoBag(self.bag, left, right, odometry, self.calibration, apart_s, **where)
+        bag = StereoBag(self.bag, left, right, odometry, self.calibration, apart_s, self.shift_ms / 1000, **where)
         if bag.topics.odometry is None:
             print_note("the bag has no odometry: the robot is taken to stand")
         if bag.by_log:
@@ -94,11 +100,18 @@ class Import:
                 recorder(Step(number, last, frames, driven, wanted, STAND, runner.state, restarted=anew))
         if not recorder.steps:
             ms = f"the nearest are {1000 * bag.nearest_s:.4g} ms apart, more than {1000 * bag.apart_s:.4g} ms"
-            print_note(f"no image of the left camera has one of the right: {ms}; --apart-ms takes more")
+            print_note(f"no image of the left camera has one of the right: {ms}; --apart-ms, --shift-ms change that")
         elif ranged < 4 * recorder.steps:
             params = runner.navigator.ranging.search or SearchParams.for_body(bag.rig, body)
             if reason := why_few_ranges(bag.rig, frames, params):
-                print_note(f"{ranged} ranges in {recorder.steps} pairs: {reason}")
+                print_note(f"{ranged} ranges in {recorder.steps} pairs; the last one: {reason}")
+        if recorder.steps and np.median(np.abs(bag.later_s)) > FAR_APART * bag.period_s:
+            low, later, high, period = (1000 * v for v in (*np.quantile(bag.later_s, (0, 0.5, 1)), bag.period_s))
+            shifts = [f"{self.shift_ms + later - by:.4g}" for by in (0, math.copysign(period, later))]
+            print_note(
+                f"right images are {later:.1f} ms later than left ones ({low:.1f} to {high:.1f}; {period:.1f} between "
+                f"frames): taken at once if the clocks differ by --shift-ms {shifts[0]}, or by {shifts[1]}"
+            )
         if bag.topics.odometry is not None and bag.moves.path_m < 0.01:
             print_note(f"by {bag.topics.odometry} the robot does not move")
         elif bag.moves.up_m > bag.moves.path_m:
@@ -108,9 +121,11 @@ class Import:
             "rate_hz": round(bag.rate, 3),
             "path_m": round(bag.moves.path_m, 3),
             "ranges": ranged,
+            "unpaired": bag.alone,
             **recorder.summary(),
         }
         words = f"{recorder.steps} pairs of {self.bag} at {bag.rate:.1f} a second, {ranged} ranges: {self.out}"
+        words += f"\n  {' and '.join(map(str, bag.alone))} images of left and right without a partner" * any(bag.alone)
         print(json.dumps(result) if self.json else f"{words}\n  {bag.topics}")
         if recorder.failed:
             print(f"error: {recorder.failed}", file=sys.stderr)
