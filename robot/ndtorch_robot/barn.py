@@ -110,7 +110,7 @@ def attempt(job: tuple[BarnFile, RobotOptions]) -> dict[str, Any]:
             car.ended.set()
 
     car.observers.append(end)
-    runner.warm_up()
+    runner.navigator.warm_up()
     car.run(warm_up=False)
     collided, success = bool(simulation.collisions), reached()
     seconds = simulation.collisions[0].time if collided else simulation.now()

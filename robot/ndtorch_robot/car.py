@@ -117,7 +117,7 @@ class Car:
         """
         clock, period = self.safe.clock, 1 / self.runner.rate
         if warm_up:
-            self.runner.warm_up()
+            self.runner.navigator.warm_up()
         if self.go is not None:
             self.safe.wait_for_start(self.go)
         # A pass of the garbage collector through all of torch's objects takes longer than a step.

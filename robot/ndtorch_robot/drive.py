@@ -89,7 +89,7 @@ def drive(
     name, files, interrupted = f"{config.arena} seed {config.seed}", (config.record, config.rrd, config.view), False
     with observe(car, name, *files, print_note, **known) as (recorder, _):
         car.observers += [record, path, respawn, *observers]
-        runner.warm_up()  # before the time is taken
+        runner.navigator.warm_up()  # before the time is taken
         began = time.perf_counter()
         try:
             # Where frames are lost, fewer steps fill the time.

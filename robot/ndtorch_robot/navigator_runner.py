@@ -70,9 +70,6 @@ class NavigatorRunner:
         """Send the car to a place, m, from the next step on; from any thread."""
         self.new_goal = (x, y)
 
-    def warm_up(self) -> None:
-        self.navigator.warm_up()
-
     def step(
         self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, anew: bool = False
     ) -> DriveCommand:

@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_what_works_and_what_can_be_done_without(capsys, monkeypatch):
-    monkeypatch.setattr("ndtorch_robot.cameras.list_devices", lambda: [])
+    monkeypatch.setattr("ndtorch_robot.cameras.source.list_devices", lambda: [])
     assert main(["doctor", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     findings = {finding["part"]: finding for finding in result["findings"]}

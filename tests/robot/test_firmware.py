@@ -47,9 +47,6 @@ def test_own_tests_on_a_board():
     assert "0 accepted that were not sent" in done.stdout
 
 
-COMPILERS = ["cc", pytest.param("avr-gcc -mmcu=atmega328p", marks=needs_board)]
-
-
 def test_both_sides_mean_the_same():
     text = (FIRMWARE / "protocol.h").read_text() + (FIRMWARE / "drive.h").read_text()
     assert int(re.search(r"PROTOCOL_VERSION (\d+)", text)[1]) == VERSION

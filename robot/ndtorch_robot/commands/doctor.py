@@ -146,13 +146,13 @@ def preparations() -> Iterator[tuple[str, Callable[[], object]]]:
     import ndtorch
     from ndtorch.navigation import Grid, StereoRig, controller_names
     from ndtorch.navigation.options import NavigatorOptions
-    from ndtorch_robot.navigator_runner import NavigatorRunner
 
     torch.set_num_threads(1)
     for name in controller_names():
         for stereo in ("features", "search"):
             options = NavigatorOptions(name, stereo=stereo, localise=stereo == "search")
-            yield f"{name}, {stereo}", NavigatorRunner(options, StereoRig(), 30.0, Grid(-5.0, 5.0, -5.0, 5.0)).warm_up
+            navigator = options.navigator(StereoRig(), 30.0, Grid(-5.0, 5.0, -5.0, 5.0))
+            yield f"{name}, {stereo}", navigator.warm_up
     frames = torch.zeros(12, 3, 48, 64, dtype=torch.uint8)
     for n, frame in enumerate(frames):
         frame[:, 16:32, 4 * n : 4 * n + 16] = 200

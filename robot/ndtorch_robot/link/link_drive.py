@@ -12,13 +12,13 @@ from typing import Any, Protocol
 
 from ndtorch_robot.link.messages import (
     VERSION,
+    WELCOME_BODY,
     WIDEST,
     LinkFault,
     LinkFrame,
     Parser,
     Telemetry,
     Type,
-    board_name,
     command_body,
     encode_frame,
     read_telemetry,
@@ -181,7 +181,7 @@ class LinkDrive(Drive):
             self.disarm("bad line: many frames from the board are refused")
 
     def on_welcome(self, frame: LinkFrame) -> None:
-        name = board_name(frame.body)
+        name = bytes(WELCOME_BODY.unpack(frame.body)[1]).rstrip(b"\0 ").decode("ascii", "replace")
         if self.board_name is not None and name != self.board_name:
             self.refusal = f"the board is that of the robot {name!r}, the configuration is for {self.board_name!r}"
             return

@@ -133,11 +133,6 @@ def command_body(command: DriveCommand) -> bytes:
     return COMMAND_BODY.pack(*(round(1000 * value) for value in command))
 
 
-def board_name(body: bytes) -> str:
-    """The name in a welcome."""
-    return bytes(WELCOME_BODY.unpack(body)[1]).rstrip(b"\0 ").decode("ascii", "replace")
-
-
 def read_telemetry(body: bytes) -> Telemetry:
     echo, armed, faults, speed, curvature, battery, *rest = TELEMETRY_BODY.unpack(body)
     applied = DriveCommand(speed / 1000, curvature / 1000)

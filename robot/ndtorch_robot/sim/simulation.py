@@ -11,7 +11,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import Body, Rect, StereoRig, Strips
 from ndtorch.navigation.stereo.strips import row_rect
 from ndtorch_robot.ports import STAND, CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
@@ -78,8 +77,6 @@ class SimulatedCar:
         self.wanted = STAND
 
     def send(self, command: DriveCommand, now: float = 0.0) -> DriveCommand:
-        if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
-            raise InputError(f"commands must be finite, got {command}")
         within = DriveCommand(*(min(max(v, -m), m) for v, m in zip(command, self.limits[:2], strict=True)))
         if self.delay:
             self.queue.append((now + self.delay, within))

@@ -124,7 +124,7 @@ def bench(**changes):
             with open_car(config, lines.append, go=True) as car:
                 car.cameras = FailingCameras(car.cameras)
                 made.append(car)
-                car.runner.warm_up()  # kernels that nobody has compiled yet take most of a minute
+                car.runner.navigator.warm_up()  # kernels that nobody has compiled yet take most of a minute
                 ready.set()
                 car.run()
         except BaseException as error:  # told to the test below
