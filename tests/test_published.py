@@ -15,7 +15,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import PublishedModel, object_table, spectral_radius, train_first_stage
-from ndtorch.binding.first_stage import block_diagonal
+from ndtorch.binding.first_stage import first_stage_weights
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.run.result import Picture, Watcher
 from ndtorch.run.run import run_model
@@ -59,7 +59,7 @@ def test_first_stage_learns_the_printed_weights() -> None:
     # What is shipped is what training gives.
     shipped = ndtorch.load("published").first_stage()
     assert shipped is not None
-    torch.testing.assert_close(shipped, block_diagonal(stage), atol=1e-5, rtol=0)
+    torch.testing.assert_close(shipped, first_stage_weights(stage), atol=1e-5, rtol=0)
 
 
 def test_two_bars_are_a_red_and_a_green_object(films: Films) -> None:

@@ -15,19 +15,15 @@ from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, LowPass
 
 
-def winner(outputs: Tensor, owners: Tensor) -> Tensor:
-    """Neuron `[...]` with the largest of the outputs `[..., N]` among `owners`, -1 where there is none. [C §4.2]"""
-    among = outputs.masked_fill(~owners, -torch.inf)
-    return torch.where(owners.any(-1), among.argmax(-1), -1)
-
-
 def feature_weights(outputs: Tensor, table: ObjectTable, scale: Tensor) -> tuple[Tensor, Tensor]:
-    """Weight of every feature image, `f_j = |o_k| O[k, j] / n_j` for the winner k. [C eq. 11]
+    """Weight of every feature image, `f_j = |o_k| O[k, j] / n_j` for the winner k, the owner with the largest output.
+    [C §4.2, eq. 11]
 
-    Shapes: outputs and scale (the group maxima n) `[..., 10]` -> f `[..., 10]` and the winner `[...]`; f is
-    zero where nobody wins.
+    Shapes: outputs and scale (the group maxima n) `[..., 10]` -> f `[..., 10]` and the winner `[...]`, -1 where there
+    is none; f is zero there.
     """
-    k = winner(outputs, table.owners)
+    among = outputs.masked_fill(~table.owners, -torch.inf)
+    k = torch.where(table.owners.any(-1), among.argmax(-1), -1)
     index = k.clamp_min(0).unsqueeze(-1)
     strength = outputs.gather(-1, index).abs()
     row = table.rows.gather(-2, index.unsqueeze(-1).expand(*index.shape, table.rows.shape[-1])).squeeze(-2)

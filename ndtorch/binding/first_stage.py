@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -35,17 +35,9 @@ class FirstStage(NamedTuple):
     seconds: float
 
 
-def block_diagonal(stage: FirstStage) -> Tensor:
-    """The three networks as one of ten neurons that do not meet across groups, `[10, 10]`."""
-    weights = torch.zeros(10, 10, dtype=stage.motion.dtype)
-    for group, part in zip(GROUPS.values(), stage[:3], strict=True):
-        weights[group, group] = part
-    return weights
-
-
 def first_stage_weights(stage: FirstStage | Tensor) -> Tensor:
     """The `[10, 10]` weights of a trained first stage or of a matrix, if they are usable."""
-    weights = block_diagonal(stage) if isinstance(stage, FirstStage) else stage
+    weights: Any = torch.block_diag(*stage[:3]) if isinstance(stage, FirstStage) else stage  # type: ignore[no-untyped-call]
     if not isinstance(weights, Tensor) or weights.shape != (10, 10):
         given = tuple(weights.shape) if isinstance(weights, Tensor) else type(weights).__name__
         raise InputError(f"first_stage must be a FirstStage or weights [10, 10], got {given}")

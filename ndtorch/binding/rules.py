@@ -43,15 +43,6 @@ ACTIVATIONS: dict[str, Activation] = {"cube": cube, "tanh-pi": tanh_pi, "tanh-10
 """Functions a rule can be made of, by name."""
 
 
-def activation(role: str, name: str) -> Activation:
-    """The function of that name; `InputError` names the role it was to play."""
-    if name not in ACTIVATIONS:
-        raise InputError(
-            f"{role} must be one of {', '.join(ACTIVATIONS)}, got {name!r}{did_you_mean(name, ACTIVATIONS)}"
-        )
-    return ACTIVATIONS[name]
-
-
 BOOST, TAU_BOOST, TAU_ONSET = 15.0, 4.0, 0.2
 """The scale-free rule: factor by which it learns faster at first, time constant of that and of its soft start, s."""
 EXPONENT, SMALLEST, BOUNDS = 4.0, 0.02, (-0.4, 1.2)
@@ -99,8 +90,45 @@ class Rule(Protocol):
         """Weights within their bounds, and which networks had to be held back, `[...]` bool; None for none of them."""
 
 
+class RatedRule:
+    """What the rules here share: a learning rate with a soft start, and a limit on the spectral radius."""
+
+    gamma: float | Tensor
+    tau_onset: float
+    radius_limit: float
+
+    def __post_init__(self) -> None:
+        for name in ("gamma", "leak"):
+            rate = getattr(self, name, 0.0)
+            rates = torch.as_tensor(rate) if is_number(rate) or isinstance(rate, Tensor) else torch.tensor(math.nan)
+            if not (rates >= 0).all() or not torch.isfinite(rates).all():
+                raise InputError(f"{name} must be a learning rate >= 0, got {repr(rate)[:80]}")
+        check_number("tau_onset", self.tau_onset, least=0, unit="seconds")
+        if not (is_number(self.radius_limit) and self.radius_limit > 0):
+            raise InputError(f"radius_limit must be positive, got {repr(self.radius_limit)[:40]}")
+
+    @property
+    def learns(self) -> bool:
+        """Whether the weights change; a rate that is a parameter may grow."""
+        return isinstance(self.gamma, nn.Parameter) or bool(torch.as_tensor(self.gamma).any())
+
+    def rate(self, seconds: Tensor) -> Tensor:
+        """`gamma mu(t)`, 1/s; a negative gamma counts as 0 and keeps its gradient."""
+        gamma = not_negative(torch.as_tensor(self.gamma, device=seconds.device))
+        return gamma * learning_onset(seconds, self.tau_onset)
+
+    def within_radius(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Non-negative weights scaled back where their spectral radius exceeds the limit, and which of the batch
+        were."""
+        if math.isinf(self.radius_limit):
+            return weights, None
+        limited = limit_spectral_radius(weights, self.radius_limit)
+        # The limit returns the very same tensor where all weights were inside it.
+        return limited, None if limited is weights else (limited != weights).any(-1).any(-1)
+
+
 @dataclass(frozen=True, eq=False)
-class LearningRule:
+class LearningRule(RatedRule):
     """`dW[n, k]/dt = gamma mu(t) a(o'_n) b(o'_k)`, n != k, W not negative. [B eq. 23-24, C §2.3]
 
     Attributes:
@@ -128,18 +156,6 @@ class LearningRule:
 
     uses_power = False
 
-    def __post_init__(self) -> None:
-        check_rate("gamma", self.gamma)
-        check_constants(self.tau_onset, self.radius_limit)
-
-    @property
-    def learns(self) -> bool:
-        return changes_weights(self.gamma)
-
-    def rate(self, seconds: Tensor) -> Tensor:
-        """`gamma mu(t)`, 1/s."""
-        return learning_rate(self.gamma, seconds) * learning_onset(seconds, self.tau_onset)
-
     def change(self, high: Tensor, power: Tensor, weights: Tensor, steps: int = 1) -> Tensor:
         """Products `a(o'_n) b(o'_k)` of the outputs' fluctuations, `[..., S, N]` -> `[..., N, N]`."""
         row, column = self.row(high).mT, self.column(high)
@@ -150,11 +166,11 @@ class LearningRule:
     def bounded(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
         """Negative weights become zero, single ones at most `LARGEST`; too large a spectral radius is scaled back."""
         positive = weights.clamp_min(0) if math.isinf(self.radius_limit) else weights.clamp_min(0).clamp_max(LARGEST)
-        return within_radius(positive, self.radius_limit)
+        return self.within_radius(positive)
 
 
 @dataclass(frozen=True)
-class ScaleFreeRule:
+class ScaleFreeRule(RatedRule):
     """`dT[n, k]/dt = gamma(t) mu(t) (c <o'_n o'_k> / s_k^2 - leak (1 - c) T[n, k])`, `c = s_k^p / (s_k^p + s_n^p)`.
 
     The gate is c, s the deviation of an output. Both terms keep their value when all signals are multiplied by a
@@ -185,23 +201,11 @@ class ScaleFreeRule:
 
     name = "scale-free"
     uses_power = True
-
-    def __post_init__(self) -> None:
-        check_rate("gamma", self.gamma)
-        check_rate("leak", self.leak)
-        check_constants(TAU_ONSET, self.radius_limit)
-
-    @property
-    def learns(self) -> bool:
-        return changes_weights(self.gamma)
+    tau_onset = TAU_ONSET
 
     def rate(self, seconds: Tensor) -> Tensor:
         """`gamma(t) mu(t)`, 1/s."""
-        return (
-            learning_rate(self.gamma, seconds)
-            * (1 + BOOST * torch.exp(-seconds / TAU_BOOST))
-            * learning_onset(seconds, TAU_ONSET)
-        )
+        return super().rate(seconds) * (1 + BOOST * torch.exp(-seconds / TAU_BOOST))
 
     def change(self, high: Tensor, power: Tensor, weights: Tensor, steps: int = 1) -> Tensor:
         """The bracket of the rule, `[..., N, N]`."""
@@ -217,41 +221,8 @@ class ScaleFreeRule:
     def bounded(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
         """Weights within their bounds, and the Perron root of their magnitudes within its limit."""
         clipped = weights.clamp(*BOUNDS)
-        limited, full = within_radius(clipped.abs(), self.radius_limit)
+        limited, full = self.within_radius(clipped.abs())
         return clipped if full is None else torch.copysign(limited, clipped), full
-
-
-def within_radius(weights: Tensor, limit: float) -> tuple[Tensor, Tensor | None]:
-    """Non-negative weights scaled back where their spectral radius exceeds `limit`, and which of the batch were."""
-    if math.isinf(limit):
-        return weights, None
-    limited = limit_spectral_radius(weights, limit)
-    # The limit returns the very same tensor where all weights were inside it.
-    return limited, None if limited is weights else (limited != weights).any(-1).any(-1)
-
-
-def check_constants(tau_onset: float, radius_limit: float) -> None:
-    """Raise `InputError` for a soft start or a limit that cannot be."""
-    check_number("tau_onset", tau_onset, least=0, unit="seconds")
-    if not (is_number(radius_limit) and radius_limit > 0):
-        raise InputError(f"radius_limit must be positive, got {repr(radius_limit)[:40]}")
-
-
-def check_rate(name: str, rate: object) -> None:
-    """Raise `InputError` unless it is a finite number >= 0, or a tensor of such."""
-    rates = torch.as_tensor(rate) if is_number(rate) or isinstance(rate, Tensor) else torch.tensor(math.nan)
-    if not (rates >= 0).all() or not torch.isfinite(rates).all():
-        raise InputError(f"{name} must be a learning rate >= 0, got {repr(rate)[:80]}")
-
-
-def changes_weights(gamma: float | Tensor) -> bool:
-    """Whether a rule of that rate learns; a rate that is a parameter may grow."""
-    return isinstance(gamma, nn.Parameter) or bool(torch.as_tensor(gamma).any())
-
-
-def learning_rate(gamma: float | Tensor, like: Tensor) -> Tensor:
-    """The rate as a tensor on the device of another; a negative one counts as 0 and keeps its gradient."""
-    return not_negative(torch.as_tensor(gamma, device=like.device))
 
 
 def learning_onset(seconds: Tensor, tau: float) -> Tensor:
@@ -265,7 +236,11 @@ def learning_onset(seconds: Tensor, tau: float) -> Tensor:
 
 
 def _of_two(name: str, f: str = "cube", g: str = "tanh-pi", **constants: Any) -> LearningRule:
-    expansive, compressive = activation("f", f), activation("g", g)
+    for role, own in (("f", f), ("g", g)):
+        if own not in ACTIVATIONS:
+            hint = did_you_mean(own, ACTIVATIONS)
+            raise InputError(f"{role} must be one of {', '.join(ACTIVATIONS)}, got {own!r}{hint}")
+    expansive, compressive = ACTIVATIONS[f], ACTIVATIONS[g]
     row, column = {
         "competitive": (compressive, expansive),
         "cooperative": (expansive, compressive),

@@ -51,7 +51,10 @@ def load_state(path: str | Path, model: BindingModel) -> tuple[Any, dict[str, st
             shape or type, or not finite.
     """
     tensors, about = read_tensors(path, "a saved state")
-    example = example_state(model)
+    # A state of one trial, of black frames, for its names, shapes and types.
+    frames = torch.zeros(max(1, math.ceil(model.dt * model.fps - 1e-9)), 3, *model.size)
+    with torch.no_grad():
+        example = model(frames)[1]
     try:
         films = {name.split(".")[0] for name in tensors}
         if films and all(map(str.isdigit, films)):  # one state a film, as a batch of films has it
@@ -64,13 +67,6 @@ def load_state(path: str | Path, model: BindingModel) -> tuple[Any, dict[str, st
     except InputError as error:
         raise InputError(f"{path} is not a saved state of this model ({model.name}): {error}") from None
     return state, about
-
-
-def example_state(model: BindingModel) -> Any:
-    """A state of one trial of the model, from black frames, for its names, shapes and types."""
-    frames = torch.zeros(max(1, math.ceil(model.dt * model.fps - 1e-9)), 3, *model.size)
-    with torch.no_grad():
-        return model(frames)[1]
 
 
 def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:

@@ -297,6 +297,3 @@ def diagonalise(matrices: Tensor) -> Tensor:
         turn[q, p], turn[p, q] = angle.sin(), -angle.sin()
         matrices, rotation = turn.mT @ matrices @ turn, rotation @ turn
     return rotation
-
-
-__all__ = ["SourceEstimator", "SourceParams", "SourceState"]

@@ -92,11 +92,19 @@ def figure_ground(frames: npt.ArrayLike) -> FigureGround:
 
     weights = (lags <= SHORT).astype(float)
     ground = refined(maps, lags, weights, grid[at_velocities(maps, lags, weights, grid).argmax()])
-    weights = survival(maps, lags, ground, LEAST_SURVIVAL)
+    # Correlation at each delay over that at the first; 0 from where it is small.
+    each = [at_velocities(maps[n : n + 1], lags[n : n + 1], np.ones(1), ground[None])[0] for n in range(len(lags))]
+    weights = np.clip(np.array(each) / max(float(each[0]), 1e-12), 0, 1)
+    weights[np.minimum.accumulate(weights) < LEAST_SURVIVAL] = 0
+    weights[0] = 1
     ground = refined(maps, lags, weights, ground)
-    residual = np.stack(
-        [without_peak(image, autocorrelation, lag * ground) for image, lag in zip(maps, lags, strict=True)]
-    )
+    residual = maps.copy()
+    for image, (x, y) in zip(residual, lags[:, None] * ground, strict=True):
+        # Less the peak of the ground, which is that of an image with itself, displaced.
+        move = np.array([[1, 0, x], [0, 1, y]], np.float32)
+        peak = cv2.warpAffine(autocorrelation, move, autocorrelation.shape[::-1])
+        high = peak > 0.3 * peak.max()
+        image -= image[high].sum() / max(float(peak[high].sum()), 1e-12) * peak
     grid = grid[np.linalg.norm(grid - ground, axis=-1) > LEAST_DIFFERENCE]
     value = at_velocities(residual, lags, weights, grid)
 
@@ -172,25 +180,6 @@ def refined(maps: Floats, lags: Any, weights: Numbers, velocity: Numbers) -> Num
                 total += weight * lag**2
         velocity = moved / total if total > 0 else velocity
     return velocity
-
-
-def survival(maps: Floats, lags: Any, velocity: Numbers, least: float) -> Numbers:
-    """Correlation at each delay over that at the first; 0 from where it is below `least`."""
-    level = np.array(
-        [at_velocities(maps[n : n + 1], lags[n : n + 1], np.ones(1), velocity[None])[0] for n in range(len(lags))]
-    )
-    level = np.clip(level / max(float(level[0]), 1e-12), 0, 1)
-    level[np.minimum.accumulate(level) < least] = 0
-    level[0] = 1
-    return np.asarray(level)
-
-
-def without_peak(image: Floats, autocorrelation: Floats, shift: Numbers) -> Floats:
-    """A correlation less the peak of the ground, which is that of an image with itself, displaced."""
-    move = np.array([[1, 0, shift[0]], [0, 1, shift[1]]], np.float32)
-    peak = cv2.warpAffine(autocorrelation, move, autocorrelation.shape[::-1])
-    high = peak > 0.3 * peak.max()
-    return np.asarray(image - image[high].sum() / max(float(peak[high].sum()), 1e-12) * peak, np.float32)
 
 
 @jit

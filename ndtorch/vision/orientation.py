@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -60,16 +60,6 @@ def dog_spectrum(
     return gaussian(center) - gaussian(surround)
 
 
-def numbers(deviations: Deviations) -> tuple[float, float]:
-    """Deviations as numbers."""
-    if not isinstance(deviations, Tensor):
-        return deviations
-    if deviations.shape != (2,):
-        raise InputError(f"center and surround must hold two standard deviations, got {tuple(deviations.shape)}")
-    along, across = deviations.tolist()
-    return along, across
-
-
 class OrientedDoG(FullPrecision):
     """Responses of three oriented DoG filters (0, 60 and 120 degrees) and the sums of their magnitudes.
 
@@ -122,15 +112,15 @@ class OrientedDoG(FullPrecision):
         check_border(border)
         self.learned = isinstance(center, Tensor) or isinstance(surround, Tensor)
         self.center, self.surround = center, surround
-        center, surround = numbers(center), numbers(surround)
+        pairs: Any = [pair.tolist() if isinstance(pair, Tensor) else pair for pair in (center, surround)]
         if not (isinstance(angles, tuple | list) and angles and all(map(is_finite, angles))):
             raise InputError(f"angles must be degrees, one or more, got {repr(angles)[:40]}")
-        if not all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in (center, surround)) or not all(
-            is_finite(sigma) and sigma > 0 for sigma in (*center, *surround)
-        ):
-            given = f"{repr(center)[:40]}, {repr(surround)[:40]}"
-            raise InputError(f"center and surround must hold two positive standard deviations each, got {given}")
+        for name, pair in zip(("center", "surround"), pairs, strict=True):
+            good = isinstance(pair, tuple | list) and len(pair) == 2 and all(is_finite(s) and s > 0 for s in pair)
+            if not good:
+                raise InputError(f"{name} must hold two positive standard deviations, got {repr(pair)[:40]}")
         check_size("size", size, 1)
+        center, surround = pairs
         sigmas = (*center, *surround)
         self.size, self.border, self.exact = size, border, exact or self.learned
         self.exact_filter = self.fast_filter = None
@@ -147,13 +137,14 @@ class OrientedDoG(FullPrecision):
         side, spacing = max(self.padded), min(sigmas) / 1.08
         spacing = 1.0 if side < TINY else spacing / 2 if side < SMALL else spacing
         self.grid = tuple(smooth_length(math.ceil(n / spacing)) for n in self.padded)
-        down, across = (2 ** halvings(n, min(spacing, n / g)) for n, g in zip(self.padded, self.grid, strict=True))
-        self.blocks = down, across
+        # How often a side can be halved while its samples stay within the spacing.
+        halvings = [max(0, int(math.log2(min(spacing, n / g)))) for n, g in zip(self.padded, self.grid, strict=True)]
+        self.blocks = math.gcd(self.padded[0], 2 ** halvings[0]), math.gcd(self.padded[1], 2 ** halvings[1])
         # What becomes of an image before `sums_of_thinned` takes it.
         self.thinning = Thinning(size, (1, 1), (0, 0))
         if not self.exact:
-            (height, width), (down, across) = self.padded, self.blocks
-            self.thinning = Thinning((height // down, width // across), (down, across), self.margin)
+            left = self.padded[0] // self.blocks[0], self.padded[1] // self.blocks[1]
+            self.thinning = Thinning(left, self.blocks, self.margin)
         # Both grids can be one, but for a small one, where some frequencies are their own mirror images.
         rows = torch.fft.fftfreq(self.grid[0]) * (self.grid[0] / self.padded[0])
         columns = columns[: self.grid[1] // 2 + 1]
@@ -165,7 +156,9 @@ class OrientedDoG(FullPrecision):
             if g < n and g % 2 == 0:
                 fast.narrow(dim, g // 2, 1).zero_()
         cells = [n / g for n, g in zip(self.padded, self.grid, strict=True)]
-        self.starts = [mirrored_start(cell) for cell in cells]
+        # A line of samples and its mirror image, N - 1 - n for pixel n of N, are the same around -1/2, on it or half a
+        # cell from it: the nearest to 0 of those, which is 0 where every pixel is a sample.
+        self.starts = [-0.5 + round(1 / cell) * cell / 2 for cell in cells]
         # The first of the thinned rows and columns lie in the middle of their blocks.
         down, across = (start - (block - 1) / 2 for start, block in zip(self.starts, self.blocks, strict=True))
         turns = [rows[:, None] * (cells[0] * o + down) + columns * (cells[1] * o + across) for o in OFFSETS]
@@ -323,14 +316,6 @@ class Thinning(NamedTuple):
     margins: tuple[int, int]
 
 
-def halvings(length: int, spacing: float) -> int:
-    """How often a line of `length` can be halved while its samples stay within `spacing`."""
-    times = 0
-    while length % 2 ** (times + 1) == 0 and 2 ** (times + 1) <= spacing:
-        times += 1
-    return times
-
-
 def thinning_gain(frequency: Tensor, block: int) -> Tensor:
     """Gain of `thin_rows` at frequencies in cycles per pixel; taking one line of each block divides it by `block`."""
     gain, step = (math.pi * frequency).cos() if block > 1 else torch.ones_like(frequency), 1
@@ -353,16 +338,6 @@ def thin_rows(image: Tensor, block: int) -> Tensor:
     weights = torch.stack([1 - away.abs(), away.clamp_min(0), (-away).clamp_min(0)])
     own, down, up = (weights @ image.reshape(*image.shape[:-2], -1, block, image.shape[-1])).unbind(-2)
     return own + down.roll(1, -2) + up.roll(-1, -2)
-
-
-def mirrored_start(cell: float) -> float:
-    """Where a line of samples every `cell` pixels begins, so that a line and its mirror image have the same samples.
-
-    Pixel n of a line of N is N - 1 - n in the mirror: samples must lie around -1/2, on it or half a cell from it. Of
-    those the nearest to 0 is taken, which is 0 where every pixel is a sample. The same holds for samples half a
-    cell further on.
-    """
-    return -0.5 + round(1 / cell) * cell / 2
 
 
 def smooth_margin(length: int, wanted: int) -> int:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError, did_you_mean
-from ndtorch.scenes.patterns import grating
+from ndtorch.scenes.patterns import Pattern, grating
 from ndtorch.vision.barlow_levick import BarlowLevick
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan
 from ndtorch.vision.motion import HassensteinReichardt
@@ -23,6 +23,7 @@ Grid = Mapping[str, Tensor]
 """A value of every parameter at each point of a grid, `[N]`."""
 PHASES = 8
 """Phases of a grating over which a response is averaged: that of two products of sines is exact from 3 on."""
+TURN = 2 * math.pi
 DEGREES = [360 * n / PHASES for n in range(PHASES)]
 
 
@@ -130,10 +131,7 @@ def sensor(
         fps = float(grid["fps"][0])
         taus = {name: float(grid[name][0]) for name in ("tau_high", "tau_low") if name in grid}
         module = kind(dt=1 / fps, discretization=discretization, **taus, **options)
-        terms = {name: grid[name][:, None] for name in ("wavelength", "temporal_frequency", "direction", "contrast")}
-        seconds = 12 * (max(taus.values()) + 1 / fps)
-        film = grating(**terms, phase=DEGREES, seconds=seconds, fps=fps, size=(2, 5), channels=1)  # type: ignore[arg-type]
-        state = None
+        film, state = gratings(grid, seconds=12 * (max(taus.values()) + 1 / fps), fps=fps, size=(2, 5)), None
         with torch.inference_mode():
             for frames in film.chunks(64):
                 out, state = module(frames.double(), state)
@@ -158,14 +156,16 @@ def amplitude(samples: Tensor) -> Tensor:
     return 2 / PHASES * (samples * turn).sum(1).abs()
 
 
+def gratings(grid: Grid, **screen: Any) -> Pattern:
+    """The grating of each point, in all phases, `[N, PHASES, T, 1, H, W]`."""
+    names = ("wavelength", "temporal_frequency", "direction", "contrast")
+    terms: Any = {name: grid[name][:, None] for name in names if name in grid}
+    return grating(**terms, phase=DEGREES, channels=1, **screen)
+
+
 def measure_shift(grid: Grid, discretization: Discretization) -> Tensor:
     """Shift of rows that differ in phase."""
-    rate = grid["speed"] / grid["wavelength"]
-    terms = {"wavelength": grid["wavelength"], "contrast": grid["contrast"], "temporal_frequency": rate}
-    film = grating(
-        **{name: value[:, None] for name, value in terms.items()},  # type: ignore[arg-type]
-        phase=DEGREES, seconds=2, fps=1, size=(1, 3), channels=1,
-    )  # fmt: skip
+    film = gratings({**grid, "temporal_frequency": grid["speed"] / grid["wavelength"]}, seconds=2, fps=1, size=(1, 3))
     rows = film.frames(0, 2)[..., 0, 0, :].double().movedim(1, 2)[:, :, None]
     shift: Tensor = ChahlSrinivasan()(rows)[0][:, 1, 0]
     return shift
@@ -175,16 +175,9 @@ def measure_dog(grid: Grid, discretization: Discretization) -> Tensor:
     """Amplitude in the middle of an image that is far larger than the filter."""
     dog, found = OrientedDoG((240, 240), angles=(0.0,), exact=True), []
     for k in range(len(grid["wavelength"])):
-        terms = {name: float(grid[name][k]) for name in ("wavelength", "direction", "contrast")}
-        film = grating(**terms, phase=DEGREES, seconds=1, fps=1, size=(240, 240), channels=1)  # type: ignore[arg-type]
-        found.append(amplitude(dog(film.frames(0, 1))[None, :, 0, 0, 120, 120].double()))
+        film = gratings({name: values[k : k + 1] for name, values in grid.items()}, seconds=1, fps=1, size=(240, 240))
+        found.append(amplitude(dog(film.frames(0, 1))[:, :, 0, 0, 120, 120].double()))
     return torch.cat(found)
-
-
-def shift_formula(grid: Grid, discretization: Discretization) -> Tensor:
-    """Shift that least squares find in a sine grating."""
-    k = 2 * math.pi / grid["wavelength"]
-    return (k * grid["speed"]).sin() / k.sin()
 
 
 def dog_formula(grid: Grid, discretization: Discretization) -> Tensor:
@@ -236,7 +229,9 @@ DETECTORS: dict[str, Detector] = {
         {**ROW, "tau_low": 0.0},
     ),
     "chahl-srinivasan": Detector(
-        measure_shift, {"formula": shift_formula}, {"speed": 1.0, "wavelength": 20.0, "contrast": 1.0}
+        measure_shift,
+        {"formula": lambda g, _: (TURN * g["speed"] / g["wavelength"]).sin() / (TURN / g["wavelength"]).sin()},
+        {"speed": 1.0, "wavelength": 20.0, "contrast": 1.0},
     ),
     "oriented-dog": Detector(
         measure_dog, {"formula": dog_formula}, {"wavelength": 60.0, "direction": 0.0, "contrast": 1.0}

@@ -9,8 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import Attention, BoundObject, bound_objects, describe, object_table
-from ndtorch.binding.attention import attention_mask, feature_weights, winner
+from ndtorch.binding import Attention, BoundObject, ObjectTable, bound_objects, describe, object_table
+from ndtorch.binding.attention import attention_mask, feature_weights
 from ndtorch.binding.objects import simplified
 from ndtorch.vision import GROUPS
 
@@ -110,8 +110,8 @@ def weights() -> torch.Tensor:
 
 def test_the_winner_is_chosen_among_owners() -> None:
     outputs, owners = torch.tensor([5.0, 1.0, 3.0, 2.0]), torch.tensor([False, True, False, True])
-    assert winner(outputs, owners).item() == 3
-    assert winner(-outputs, owners).item() == 1
+    for sign, own in ((1, 3), (-1, 1)):
+        assert feature_weights(sign * outputs, ObjectTable(owners, torch.eye(4)), torch.ones(4))[1] == own
 
 
 def test_feature_weights_are_the_winners_row() -> None:

@@ -224,6 +224,3 @@ def by_trial(things: list[Any], batch: tuple[int, ...]) -> Nested:
         return things[0]
     step = len(things) // batch[0] if batch[0] else 0
     return [by_trial(things[n * step : (n + 1) * step], batch[1:]) for n in range(batch[0])]
-
-
-__all__ = ["BindingModel", "BoundObject", "Nested", "ObjectTable", "Verdict", "by_trial"]

@@ -209,7 +209,10 @@ class ForegroundModel(BindingModel):
         if frames.requires_grad and torch.is_grad_enabled():
             raise InputError("foreground has no gradients: detach the frames")
         self.check_own(state)
-        state = self._start() if state is None else state
+        if state is None:
+            count, start = torch.zeros((), dtype=torch.int64), torch.zeros((), dtype=torch.float64)
+            none, black = as_tensors(no_tracks()), torch.zeros(3, *self.small)
+            state = ForegroundState(None, black, count, torch.zeros(3), None, none, start)
         scene, closed = None if state.scene is None else as_arrays(state.scene), list[Tracks]()
         waiting, counted, time = state.waiting, int(state.frames), float(state.time)
         steps, masks = list[ForegroundStep](), list[Any]()
@@ -258,13 +261,6 @@ class ForegroundModel(BindingModel):
         at = torch.tensor([step.time for step in steps], dtype=torch.float64)
         cut_at = torch.tensor([step.measured is None for step in steps], dtype=torch.bool)
         return ForegroundSignals(inputs, outputs, numbers, mask, at, cut_at), after
-
-    def _start(self) -> ForegroundState:
-        """The state before the first frame."""
-        zero, time = torch.zeros((), dtype=torch.int64), torch.zeros((), dtype=torch.float64)
-        return ForegroundState(
-            None, torch.zeros(3, *self.small), zero, torch.zeros(3), None, as_tensors(no_tracks()), time
-        )
 
     def _begin(self, image: Any, count: int) -> SceneState:
         """A scene that begins with an image."""
