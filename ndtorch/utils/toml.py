@@ -7,14 +7,14 @@ import dataclasses
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, ValidationInfo, field_validator
 
 from ndtorch.errors import InputError, did_you_mean
-from ndtorch.utils.files import read_text
+from ndtorch.utils.files import TEXT_BYTES, read_text
 
 
 class Strict(BaseModel):
@@ -44,9 +44,15 @@ LONGEST = 200
 
 
 def toml_values(path: Path) -> dict[str, Any]:
-    """What a file holds, unchecked."""
+    """What a TOML file holds, unchecked."""
+    values: dict[str, Any] = file_values(path, tomllib.loads, "TOML")
+    return values
+
+
+def file_values(path: Path, parse: Callable[[str], Any], kind: str, most: int = TEXT_BYTES) -> Any:
+    """What a file of a kind and of at most so many bytes holds, unchecked; one that cannot be read is `InputError`."""
     try:
-        return tomllib.loads(read_text(path))
+        return parse(read_text(path, most))
     except InputError:
         raise
     except FileNotFoundError:
@@ -54,7 +60,7 @@ def toml_values(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except (RecursionError, ValueError) as error:
-        raise InputError(f"{path}: not a TOML file: {str(error)[:LONGEST]}") from None
+        raise InputError(f"{path}: not a {kind} file: {str(error)[:LONGEST]}") from None
 
 
 def read_toml(path: Path, table: type[Table]) -> Table:

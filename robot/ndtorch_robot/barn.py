@@ -13,8 +13,8 @@ from pydantic import Field
 
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import controller_class
-from ndtorch.utils.files import TABLE_BYTES, read_text
-from ndtorch.utils.toml import Strict, check
+from ndtorch.utils.files import TABLE_BYTES
+from ndtorch.utils.toml import Strict, check, file_values
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import RobotOptions
@@ -73,14 +73,7 @@ class BarnFile(Strict, extra="ignore"):
 
 def read_worlds(file: Path) -> BarnFile:
     """All worlds of a file. Raises `InputError` for one that cannot be read or holds something else."""
-    try:
-        values = json.loads(read_text(file, TABLE_BYTES))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror})") from None
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{file}: no JSON ({error})") from None
+    values = file_values(file, json.loads, "JSON", TABLE_BYTES)
     return check(values if isinstance(values, dict) else {}, BarnFile, str(file))
 
 

@@ -78,6 +78,9 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         InputError: an unknown arena or disturbance.
     """
 
+    simulation: Simulation
+    safe: SafeDrive
+    frames: StereoFrames
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012
 
     def __init__(
@@ -107,10 +110,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         )
         most = np.array(CarLimits()[:2], np.float32)
         self.action_space = spaces.Box(-most, most, dtype=np.float32)
-        self.simulation: Simulation | None = None
         self.built: int | None = None
-        self.safe: SafeDrive | None = None
-        self.frames: StereoFrames | None = None
         self.entered: dict[tuple[int, int], float] = {}
 
     def reset(
@@ -119,7 +119,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31))
         building = drawn if self.building is None else self.building
-        if self.simulation is None or self.built != building:
+        if self.built != building:
             self.built = building
             self.simulation = Simulation(
                 load_arena(self.arena, building),
@@ -131,15 +131,11 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         self.simulation.begin(drawn)
         self.safe = SafeDrive(self.simulation, self.simulation)
         self.frames, self.entered = self.simulation.read(), {}
-        return self.observation(self.frames), self.info(self.simulation)
+        return self.observation(self.frames), self.info()
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        if self.simulation is None or self.safe is None:
-            raise InputError("reset the environment before the first step")
-        simulation = self.simulation
-        speed, curvature = (float(value) for value in np.asarray(action, np.float64))
-        hits = len(simulation.collisions)
-        self.safe.send(DriveCommand(speed, curvature))
+        simulation, hits = self.simulation, len(self.simulation.collisions)
+        self.safe.send(DriveCommand(*map(float, action)))
         simulation.wait_until(simulation.now() + 1 / simulation.rate)
         self.frames = simulation.read()
         hit = len(simulation.collisions) > hits
@@ -147,7 +143,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         (x, y, _), now, length = simulation.pose, simulation.now(), simulation.car.length
         entered = self.entered.setdefault((math.floor(x / CELL), math.floor(y / CELL)), now)
         reward = (length if length < 0 or now - entered <= PASS else 0.0) - CONTACT * hit
-        return self.observation(self.frames), reward, hit, False, self.info(simulation)
+        return self.observation(self.frames), reward, hit, False, self.info()
 
     def observation(self, frames: StereoFrames) -> Observation:
         if not self.strips:
@@ -159,7 +155,8 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         rows = np.concatenate([pixels(strips.row).ravel() for strips in cut]) / np.float32(255)
         return {"fields": np.concatenate([pixels(strips.field) for strips in cut]), "rows": rows}
 
-    def info(self, simulation: Simulation) -> dict[str, Any]:
+    def info(self) -> dict[str, Any]:
+        simulation = self.simulation
         return {
             "pose": np.array(simulation.pose),
             "driven": np.array(simulation.driven()),
@@ -169,7 +166,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
 
     def render(self) -> Any:
         """The left camera's frame `[480, 640, 3]`, uint8; None where no `render_mode` was asked for."""
-        if self.render_mode is None or self.frames is None:
+        if self.render_mode is None:
             return None
         return np.ascontiguousarray(pixels(self.frames.left).transpose(1, 2, 0))
 

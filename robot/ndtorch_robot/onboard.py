@@ -40,7 +40,7 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
     across, along = (one + other)[:columns] / 2, (other - one)[::columns] / 2
     weights = weights.reshape(-1, columns) / cell**2
     middle = weights[len(along) // 2, columns // 2]
-    whole: dict[str, int] = {
+    values: dict[str, int | float] = {
         "ROW_COLUMNS": rig.width,
         "HORIZON_ROW": rig.row,
         "PATCH_ROWS": left.bottom - left.top,
@@ -54,8 +54,6 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
         "WATCHING_STEPS": int(steps.watching),
         "START_AGE_STEPS": int(steps.age),
         "EXACT_ANGLES": int(row["exact"]),
-    }
-    real: dict[str, float] = {
         "TIME_STEP": dt,
         "HIGH_PASS_SHARE": float(row["a"]),
         "SPEED_SCALE": SPEED_SCALE,
@@ -86,11 +84,10 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
     }
     lines = ["/* Written by ndtorch_robot.onboard. m, s, radians; columns and rows of the frame in pixels. */"]
     lines += ["#ifndef PARAMS_H", "#define PARAMS_H", ""]
-    lines += [f"#define {name} {value}" for name, value in whole.items()]
-    lines += [f"#define {name} ({value!r}f)" for name, value in real.items()]
+    lines += [f"#define {name} {v if isinstance(v, int) else f'({v!r}f)'}" for name, v in values.items()]
     lines += ["#ifndef ONBOARD_AVOIDANCE_ONLY"]
-    for name, values in tables.items():
-        lines.append(f"static const float {name}[] = {{{', '.join(f'{value:.9e}f' for value in values)}}};")
+    for name, table in tables.items():
+        lines.append(f"static const float {name}[] = {{{', '.join(f'{value:.9e}f' for value in table)}}};")
     return "\n".join([*lines, "#endif", "", "#endif", ""])
 
 

@@ -178,8 +178,8 @@ class Recorder(StepThread):
             self.file.close()
         self.steps = self.kept
 
-    def close(self, patience: float | None = None) -> None:
-        super().close(patience)
+    def close(self) -> None:
+        super().close()
         self.dropped = self.number - self.steps
 
     def flush(self) -> None:

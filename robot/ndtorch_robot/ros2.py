@@ -24,8 +24,8 @@ CONFIG = """<CycloneDDS><Domain Id="any">
 """Participants are looked for at named peers, without multicast."""
 
 PUBLISHED = {"scan": "sensor_msgs/msg/LaserScan", "odom": "nav_msgs/msg/Odometry", "tf": "tf2_msgs/msg/TFMessage"}
-POLL, CLOSE_TIMEOUT = 0.01, 1.0
-"""Seconds between two looks for goals at most, and to wait at the end: a bridge that hangs is left behind."""
+POLL = 0.01
+"""Seconds between two looks for goals at most."""
 
 GOAL = "geometry_msgs/msg/PoseStamped"
 
@@ -39,6 +39,8 @@ class Ros2Bridge(StepThread):
     Raises:
         InputError: Cyclone DDS is not installed, or does not start.
     """
+
+    patience = 1.0
 
     def __init__(self, settings: Ros2Table, runner: NavigatorRunner, report: Report) -> None:
         need("cyclonedds", "a bridge to ROS 2")
@@ -94,9 +96,6 @@ class Ros2Bridge(StepThread):
 
     def finish(self) -> None:
         self.participant = self.domain = None
-
-    def close(self, patience: float | None = CLOSE_TIMEOUT) -> None:
-        super().close(patience)
 
 
 @cache

@@ -17,7 +17,11 @@ class StepThread(Closing):
         size: items that may wait.
         when_full: `"drop"` the new item, keep the `"newest"` alone, or `"wait"`, for a simulation or a replay.
         poll_s: seconds between two calls of `idle` at most.
+
+    `patience` are the seconds for which `close` waits at most: one that hangs is left behind.
     """
+
+    patience: float | None = None
 
     def __init__(
         self,
@@ -76,8 +80,9 @@ class StepThread(Closing):
         if self.report_failure is not None:
             self.report_failure(words)
 
-    def close(self, patience: float | None = None) -> None:
-        """Handle what is waiting, for so many seconds at most: one that hangs is left behind."""
+    def close(self) -> None:
+        """Handle what is waiting."""
+        patience = self.patience
         if not self.failed and self.thread.is_alive():
             try:
                 self.queue.put(None, timeout=patience)

@@ -30,8 +30,8 @@ from ndtorch_robot.step_thread import StepThread
 
 Pose = tuple[float, float, float]
 
-PORT, CLOSE_TIMEOUT = 9876, 5.0
-"""Port at which `rerun` listens, and seconds to wait at the end for what has not been shown yet."""
+PORT = 9876
+"""Port at which `rerun` listens."""
 
 QUEUE, PICTURES_PER_SECOND, MAP_EVERY = 30, 10, 2.0
 """Steps that may wait, pairs of frames a second that are shown, and seconds between two maps and paths."""
@@ -50,12 +50,12 @@ BLUE, RED, GREY, YELLOW, PURPLE, GREEN = (
 )  # fmt: skip
 
 SERIES = {
-    "speeds": ("left", "right", "difference"),
-    "command/speed": ("wanted", "sent", "applied"),
-    "command/curvature": ("wanted", "sent", "applied"),
-    "board/battery": ("battery, V",),
+    "command/speed": ("speed (m/s)", "wanted", "sent", "applied"),
+    "command/curvature": ("curvature (1/m)", "wanted", "sent", "applied"),
+    "speeds": ("speed of the image beside the path", "left", "right", "difference"),
+    "board/battery": ("battery (V)", "battery, V"),
 }
-"""Lines of each plot."""
+"""Title and lines of each plot."""
 
 
 def open_stream(name: str, file: Path | None = None, viewer: str = "", plan: Plan | None = None) -> Any:
@@ -101,6 +101,8 @@ class View(StepThread):
     room instead, for a replay or a simulated drive.
     """
 
+    patience = 5.0
+
     def __init__(
         self,
         stream: Any,
@@ -120,7 +122,7 @@ class View(StepThread):
             size = (field.right - field.left, field.bottom - field.top)
             box = rr.Boxes2D(mins=[(field.left, field.top)], sizes=[size], colors=[color])
             stream.log(f"cameras/{side}/fields", box, static=True)
-        for name, lines in SERIES.items():
+        for name, (_, *lines) in SERIES.items():
             stream.log(name, rr.SeriesLines(colors=[BLUE, RED, YELLOW][: len(lines)], names=lines), static=True)
         if plan is not None:
             walls = [np.concatenate((r.array, r.array[:1])) * (1, -1) for r in plan.rings]
@@ -141,18 +143,12 @@ class View(StepThread):
         lines, self.lines = tuple(self.lines), []
         self.put((now, step, lines, None if self.truth is None else self.truth()))
 
-    def handle(self, item: tuple[float, Step, tuple[str, ...], Pose | None]) -> None:
-        self.show(*item)
-        self.shown += 1
-
     def finish(self) -> None:
         self.log_paths()
         end_stream(self.stream, patience=3.0)
 
-    def close(self, patience: float | None = CLOSE_TIMEOUT) -> None:
-        super().close(patience)
-
-    def show(self, now: float, step: Step, lines: tuple[str, ...], truth: Pose | None) -> None:
+    def handle(self, item: tuple[float, Step, tuple[str, ...], Pose | None]) -> None:
+        now, step, lines, truth = item
         rr, log, state, speeds = self.rr, self.stream.log, step.state, [math.nan] * 3
         self.stream.set_time("time", duration=now)
         for line in lines:
@@ -179,9 +175,10 @@ class View(StepThread):
                 self.log_map(state)
         commands = (step.wanted, step.sent, step.driven)
         battery = float(step.telemetry.get("battery_v") or math.nan)
-        values = (speeds, [c.speed for c in commands], [c.curvature for c in commands], [battery])
+        values = ([c.speed for c in commands], [c.curvature for c in commands], speeds, [battery])
         for name, numbers in zip(SERIES, values, strict=True):
             log(name, rr.Scalars(numbers))
+        self.shown += 1
 
     def log_pose(self, state: NavigatorState, carried: bool, truth: Pose | None) -> None:
         x, y, heading = (float(value) for value in state.pose)
@@ -251,13 +248,7 @@ def layout(plan: Plan | None = None) -> Any:
     cameras = [rrb.Spatial2DView(origin=f"cameras/{side}", name=f"{side} camera") for side in ("left", "right")]
     floor = rrb.Spatial2DView(origin="floor", name="path and map (m)", background=(255, 255, 255), visual_bounds=bounds)
     words = [rrb.TextDocumentView(origin="car", name="car"), rrb.TextLogView(origin="events", name="events")]
-    lines = {
-        "command/speed": "speed (m/s)",
-        "command/curvature": "curvature (1/m)",
-        "speeds": "speed of the image beside the path",
-        "board": "battery (V)",
-    }
-    plots = [rrb.TimeSeriesView(origin=origin, name=name) for origin, name in lines.items()]
+    plots = [rrb.TimeSeriesView(origin=origin, name=title) for origin, (title, *_) in SERIES.items()]
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(rrb.Horizontal(*cameras), floor, row_shares=[2, 3]),

@@ -67,7 +67,8 @@ def test_an_observer_that_hangs_is_left_behind():
     held = Held(lines)
     held(0)
     assert wait_for(lambda: held.steps == [0])
-    held.close(0.05)
+    held.patience = 0.05
+    held.close()
     assert lines == ["the held hangs: left behind"]
     held.go.set()
 

@@ -82,13 +82,14 @@ def test_a_loop_never_waits_for_a_view_that_hangs_or_breaks(monkeypatch):
     """The viewer takes nothing at all until the loop has ended: drops are counted, and pictures are spared first."""
     free, said, taken = threading.Event(), [], []
     stream = SimpleNamespace(log=lambda *a, **k: None, set_time=lambda *a, **k: None)
-    monkeypatch.setattr(View, "show", lambda self, now, step, *more: (free.wait(120), taken.append(step)))
+    monkeypatch.setattr(View, "handle", lambda self, item: (free.wait(120), taken.append(item[1])))
     loop = film_loop(60)
     slow = View(stream, loop.runner, said.append)
     loop.observers.append(slow)
     assert loop.run(58.5 / 30) == 60
     assert slow.dropped in (29, 30)
-    slow.close(patience=0.2)
+    slow.patience = 0.2
+    slow.close()
     assert said == [slow.failed] == ["the view hangs: left behind"]
     free.set()
     slow.thread.join(5)
@@ -97,7 +98,7 @@ def test_a_loop_never_waits_for_a_view_that_hangs_or_breaks(monkeypatch):
     def broken(self, *item):
         raise RuntimeError("no\nviewer")
 
-    monkeypatch.setattr(View, "show", broken)
+    monkeypatch.setattr(View, "handle", broken)
     loop = film_loop(30)
     loop.observers.append(View(stream, loop.runner, said.append))
     assert loop.run(28.5 / 30) == 30

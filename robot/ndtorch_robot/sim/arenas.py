@@ -20,9 +20,8 @@ from pydantic import Field
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.navigation.stereo.calibration_files import parsed
 from ndtorch.scenes import readers
-from ndtorch.utils.files import read_text
 from ndtorch.utils.packages import toml_file
-from ndtorch.utils.toml import Strict, check, read_toml, toml_values
+from ndtorch.utils.toml import Strict, check, file_values, toml_values
 from ndtorch_robot.sim.plan import Pattern, Plan, Point, Ring, SpawnPoints, circle, cylinder, ring
 
 DOOR_SPACING, DOOR_WIDTH, NICHE = 1.308, 0.91, 0.10
@@ -130,13 +129,6 @@ def box_ring(box: Box, height: float, bottom: float = 0.0) -> Ring:
     return ring(corners, "furniture", height, solid=True, bottom=bottom)
 
 
-def chair_rings(x: float, y: float, turned: float) -> list[Ring]:
-    """Four legs and a seat, turned by radians; of the seat only the part is drawn that every turn has in common."""
-    legs = [cylinder(*corner, LEG / 2, 0.44, 6) for corner in circle(x, y, 0.40 / np.sqrt(2), 4, turned)]
-    half = 0.18
-    return [*legs, box_ring(Box(x - half, y - half, x + half, y + half), 0.44 + PLATE, 0.44)]
-
-
 def table_rings(box: Box, height: float, legs: float = LEG) -> list[Ring]:
     corners = [(x, y) for x in (box.left + INSET, box.right - INSET) for y in (box.bottom + INSET, box.top - INSET)]
     rings = [cylinder(*corner, legs / 2, height - PLATE, 6) for corner in corners]
@@ -151,19 +143,13 @@ def hallway(seed: int) -> Plan:
     for side in (1, -1):
         first = float(rng.uniform(1.2, 1.9))
         for group in range(3):
-            row = []
             begin = first + group * 5.2
-            for k in range(3):
-                x = begin + k * DOOR_SPACING
-                niche = (half, half + NICHE) if side > 0 else (-half - NICHE, -half)
-                rooms.append(Box(x, niche[0], x + DOOR_WIDTH, niche[1], "door"))
-                row.append((x, side * half))
-            doors.append(tuple(row))
-            doors.append(tuple((x + DOOR_WIDTH, y) for x, y in row))
+            row = [begin + k * DOOR_SPACING for k in range(3)]
+            rooms += [mirrored(Box(x, half, x + DOOR_WIDTH, half + NICHE, "door"), side) for x in row]
+            doors += [tuple((x + width, side * half) for x in row) for width in (0.0, DOOR_WIDTH)]
             post = begin + 3 * DOOR_SPACING + 0.25
             if post + 0.3 < length - 0.5:
-                reach = (half - 0.12, half) if side > 0 else (-half, -half + 0.12)
-                holes.append(Box(post, reach[0], post + 0.3, reach[1], "pillar"))
+                holes.append(mirrored(Box(post, half - 0.12, post + 0.3, half, "pillar"), side))
     outline, solids = trace(rooms, holes)
     start = (0.5, float(rng.uniform(-0.1, 0.1)), 0.0)
     return Plan("hallway", outline, solids, start, tuple(doors), DOOR_SPACING)
@@ -187,10 +173,9 @@ def loop(seed: int) -> Plan:
     width, height, wide = 13.0, 10.0, 2.2
     rooms = [Box(0, 0, width, height)]
     for k in range(3):
-        x = 2.0 + 3.2 * k + float(rng.uniform(-0.4, 0.4))
-        rooms.append(Box(x, -NICHE, x + DOOR_WIDTH, 0, "door"))
-        x = 2.0 + 3.2 * k + float(rng.uniform(-0.4, 0.4))
-        rooms.append(Box(x, height, x + DOOR_WIDTH, height + NICHE, "door"))
+        for bottom, top in ((-NICHE, 0), (height, height + NICHE)):
+            x = 2.0 + 3.2 * k + float(rng.uniform(-0.4, 0.4))
+            rooms.append(Box(x, bottom, x + DOOR_WIDTH, top, "door"))
     holes = [Box(wide, wide, width - wide, height - wide)]
     y = float(rng.uniform(3.5, 5.5))
     holes.append(Box(width - 0.15, y, width, y + 0.4, "pillar"))
@@ -270,7 +255,11 @@ def chairs(seed: int) -> Plan:
         # Fewer far ones where they do not fit.
         if all(math.dist((x, y), other) > 1.7 * 0.98 ** (tries // 50) for other in places):
             places.append((x, y))
-    solids = [part for x, y in places[:5] for part in chair_rings(x, y, float(rng.uniform(0, math.pi / 2)))]
+    solids = []
+    for x, y in places[:5]:  # of a turned seat the part is drawn that every turn has in common
+        legs = circle(x, y, 0.40 / np.sqrt(2), 4, float(rng.uniform(0, math.pi / 2)))
+        solids += [cylinder(*corner, LEG / 2, 0.44, 6) for corner in legs]
+        solids.append(box_ring(Box(x - 0.18, y - 0.18, x + 0.18, y + 0.18), 0.44 + PLATE, 0.44))
     x, y = places[5]
     solids += table_rings(Box(x - 0.6, y - 0.35, x + 0.6, y + 0.35), 0.72)
     return Plan("chairs", outline, tuple(solids))
@@ -312,10 +301,8 @@ class Pillar(Strict):
     height: Annotated[float, Field(gt=0.02, le=10.0)] | None = None
 
     def ring(self) -> Ring:
-        if self.round and self.height is not None:
-            return cylinder(self.x, self.y, self.width / 2, self.height, 12)
         if self.round:
-            return ring(circle(self.x, self.y, self.width / 2, 16), "pillar", solid=True)
+            return cylinder(self.x, self.y, self.width / 2, self.height, 12)
         corners = circle(self.x, self.y, self.width / math.sqrt(2), 4, math.pi / 4)
         return ring(corners, "pillar", self.height, solid=True)
 
@@ -343,7 +330,7 @@ class ArenaFile(Strict):
     start: tuple[float, float, float] | None = None  # x, y, m, and heading, degrees
     height: Annotated[float, Field(ge=1, le=10)] = 2.4  # of the ceiling, m
 
-    def plan(self) -> Plan:
+    def plan(self, path: Path) -> Plan:
         rooms = [rectangle(room, NARROWEST, NARROWEST) for room in self.rooms]
         doors = [rectangle(door, CAR_WIDTH)._replace(kind="jamb") for door in self.doors]
         outline, inner = trace(rooms + doors)
@@ -351,9 +338,7 @@ class ArenaFile(Strict):
         solids += [box_ring(rectangle(box.at), box.height, box.bottom) for box in self.boxes]
         solids += [part for t in self.tables for part in table_rings(rectangle(t.at), t.height, t.legs)]
         start = (*self.start[:2], math.radians(self.start[2])) if self.start else None
-        plan = Plan(self.name, outline, (*inner, *solids), start, height=self.height, floor=self.floor).check()
-        SpawnPoints(plan)
-        return plan
+        return Plan(self.name, outline, (*inner, *solids), start, height=self.height, floor=self.floor).check()
 
 
 class MapFile(Strict, extra="ignore"):
@@ -366,12 +351,16 @@ class MapFile(Strict, extra="ignore"):
     free_thresh: Annotated[float, Field(gt=0, lt=1)] = 0.196
     occupied_thresh: Annotated[float, Field(gt=0, le=1)] = 0.65
 
-    def plan(self, name: str, image: npt.NDArray[np.uint8]) -> Plan:
+    def plan(self, path: Path) -> Plan:
         """The largest connected floor of free pixels; all others, also the unknown ones, are walls."""
+        with readers.quiet_opencv():
+            read = cv2.imread(str(path.parent / self.image), cv2.IMREAD_GRAYSCALE)
+        if read is None:
+            raise InputError(f"its image {self.image} cannot be read")
+        image = np.asarray(read, np.uint8)
         occupied = (image if self.negate else 255 - image)[::-1].T / 255.0
-        count, numbers, stats, _ = cv2.connectedComponentsWithStats(
-            (occupied < self.free_thresh).astype(np.uint8), connectivity=4
-        )
+        free = (occupied < self.free_thresh).astype(np.uint8)
+        count, numbers, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
         if count < 2:
             raise InputError("no pixel of the image is free")
         largest = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
@@ -384,24 +373,8 @@ class MapFile(Strict, extra="ignore"):
             area = abs(cv2.contourArea(straight)) > 0.5 * abs(cv2.contourArea(corners))
             points = ((straight if area else corners) @ turn + self.origin[:2]).tolist()
             rings.append(Ring(tuple((x, y) for x, y in points), ("wall",) * len(points)))
-        outline = Plan(name, max(rings, key=lambda r: r.area)).check().outline
-        return Plan(name, outline, tuple(r for r in rings if r is not outline))
-
-
-def read_map(path: Path) -> Plan:
-    try:
-        file = check(parsed(read_text(path)), MapFile, "a map")
-        with readers.quiet_opencv():
-            image = cv2.imread(str(path.parent / file.image), cv2.IMREAD_GRAYSCALE)
-        if image is None:
-            raise InputError(f"its image {file.image} cannot be read")
-        plan = file.plan(path.stem, np.asarray(image, np.uint8))
-        SpawnPoints(plan)
-        return plan
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
+        outline = Plan(path.stem, max(rings, key=lambda r: r.area)).check().outline
+        return Plan(path.stem, outline, tuple(r for r in rings if r is not outline))
 
 
 def rectangle(at: Four, longest: float = 0.0, shortest: float = 0.0) -> Box:
@@ -416,21 +389,21 @@ def rectangle(at: Four, longest: float = 0.0, shortest: float = 0.0) -> Box:
 
 def load_arena(name: str, seed: int = 0) -> Plan:
     """The plan of an arena by name, of a file that ends in `.toml`, or of a map of ROS that ends in `.yaml`."""
-    if name.endswith((".yaml", ".yml")):
-        return read_map(Path(name))
     if name in FLOORS:
         return replace(FLOORS[name](seed), name=name, floor=cast("Pattern", name))
     if name in BUILDINGS | FURNISHED:
         return (BUILDINGS | FURNISHED)[name](seed)
-    if name not in FILES and not name.endswith(".toml"):
-        known = ", ".join(ARENAS)
-        raise InputError(
-            f"no arena {name!r}, choose one of {known} or a .toml or .yaml file{did_you_mean(name, ARENAS)}"
-        )
-    path = toml_file(Path(name), "ndtorch_robot", "arenas")
-    file = read_toml(path, ArenaFile)
+    is_map = name.endswith((".yaml", ".yml"))
+    if name not in FILES and not is_map and not name.endswith(".toml"):
+        words = f"choose one of {', '.join(ARENAS)} or a .toml or .yaml file"
+        raise InputError(f"no arena {name!r}, {words}{did_you_mean(name, ARENAS)}")
+    path = Path(name) if is_map else toml_file(Path(name), "ndtorch_robot", "arenas")
+    kind: type[MapFile | ArenaFile] = MapFile if is_map else ArenaFile
+    file = check(file_values(path, parsed, "YAML") if is_map else toml_values(path), kind, str(path))
     try:
-        return file.plan()
+        plan = file.plan(path)
+        SpawnPoints(plan)
+        return plan
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

@@ -68,7 +68,7 @@ def ring(
     return replace(made, points=made.points[::-1]) if (made.area < 0) != solid else made
 
 
-def cylinder(x: float, y: float, radius: float, height: float, corners: int = 8) -> Ring:
+def cylinder(x: float, y: float, radius: float, height: float | None, corners: int = 8) -> Ring:
     """A round pillar, bumped into as a cylinder and drawn as a polygon that is as wide on the average."""
     wide = radius * 2 / (1 + math.cos(math.pi / corners))
     return replace(ring(circle(x, y, wide, corners), "pillar", height, solid=True), radius=radius)

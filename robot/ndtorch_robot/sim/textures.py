@@ -48,18 +48,14 @@ def floor_light(pattern: Pattern, x: Array, y: Array, rng: np.random.Generator) 
     column, row = np.floor(x / step).astype(int), np.floor(y / step).astype(int)
     if pattern == "checker":
         return np.where((column + row[:, None]) % 2 == 1, *CHECKS).astype(np.float32)
-    across, along = (1 - (1 - DARK) * covered(axis, step, width) for axis in (x, y))
+    away = [np.abs(axis - np.round(axis / step) * step) for axis in (x, y)]
+    joints = [np.clip(((width + 1 / FLOOR) / 2 - a) * FLOOR, 0.0, min(1.0, width * FLOOR)) for a in away]
+    across, along = (1 - (1 - DARK) * joint.astype(np.float32) for joint in joints)
     if pattern == "lines":
         return np.asarray(across)
     column, row = column - column.min(), row - row.min()
     tones = 1 + TONES * rng.standard_normal((row.max() + 1, column.max() + 1))
     return np.asarray(tones[row][:, column] * np.minimum(across, along[:, None]), np.float32)
-
-
-def covered(middles: Array, step: float, width: float) -> Array:
-    away = np.abs(middles - np.round(middles / step) * step)
-    part = np.clip(((width + 1 / FLOOR) / 2 - away) * FLOOR, 0.0, min(1.0, width * FLOOR))
-    return np.asarray(part, np.float32)
 
 
 class Surface(NamedTuple):
