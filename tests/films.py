@@ -13,8 +13,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.scenes import FrameSource
-from ndtorch.vision import VisualFeatures
-from ndtorch_train.superposed import Bars, LoneBar, film_bars
+from ndtorch_train.superposed import LoneBar, Stimuli, film_bars, rendered_sums
 
 
 class Films:
@@ -35,13 +34,13 @@ class Films:
             options: of the scene.
         """
         name = f"{scene.__name__} {sorted(options.items())}"
-        sums: Tensor = self.keep(name, lambda: sums_of(scene(**options)))
+        sums: Tensor = self.keep(name, lambda: rendered_sums(scene(**options)))
         return sums
 
-    def bars(self) -> Bars:
+    def bars(self) -> Stimuli:
         """Films of the red, the green and the blue bar alone."""
-        red, green, blue = self.keep("lone bars", lambda: tuple(map(tuple, film_bars())))
-        return Bars(LoneBar(*red), LoneBar(*green), LoneBar(*blue))
+        red, green, blue = self.keep("lone bars", lambda: tuple(map(tuple, film_bars().bars)))
+        return Stimuli((LoneBar(*red), LoneBar(*green), LoneBar(*blue)))
 
     def keep(self, name: str, make: Callable[[], Any]) -> Any:
         """What `make` gives, made once."""
@@ -53,16 +52,6 @@ class Films:
                 torch.save(make(), part)
                 part.replace(path)
         return torch.load(path)
-
-
-def sums_of(scene: FrameSource) -> Tensor:
-    """The ten sums of every frame of a scene, `[T, 10]`."""
-    features, state, sums = VisualFeatures(scene.size, 1 / scene.fps), None, []
-    with torch.inference_mode():  # as `ndtorch bind` does
-        for frames in scene.chunks(8):
-            out, state = features(frames, state)
-            sums.append(out)
-    return torch.cat(sums)
 
 
 def shared_folder(base: Path) -> Path:

@@ -21,7 +21,7 @@ from ndtorch.run.result import Picture, Watcher
 from ndtorch.run.run import run_model
 from ndtorch.scenes import equal_bars, three_bars, two_bars
 from ndtorch.vision import FEATURES, GROUPS
-from ndtorch_train.superposed import Bars, Stimuli
+from ndtorch_train.superposed import Stimuli
 from tests.films import Films
 
 pytestmark = pytest.mark.slow
@@ -75,33 +75,32 @@ def test_two_bars_are_a_red_and_a_green_object(films: Films) -> None:
     assert 0.75 <= float(state.second.weights.max()) <= 0.95
 
 
-def test_two_bars_at_every_phase_that_tells_them_apart(bars: Bars) -> None:
-    stimuli, phases = Stimuli(bars), [*range(45, 151, 15), *range(210, 316, 15)]
-    _, state = learn(stimuli.red(19.0) + stimuli.green(phases, 19.0))
+def test_two_bars_at_every_phase_that_tells_them_apart(bars: Stimuli) -> None:
+    phases = [*range(45, 151, 15), *range(210, 316, 15)]
+    _, state = learn(bars.red(19.0) + bars.green(phases, 19.0))
     found = {phase: names(weights) for phase, weights in zip(phases, state.second.weights, strict=True)}
     assert found == {phase: ["red", "green"] for phase in phases}
 
 
-def test_bars_in_phase_are_not_claimed_to_be_two_objects(bars: Bars) -> None:
-    stimuli = Stimuli(bars)
-    model, state = learn(stimuli.red(19.0) + stimuli.green([0.0], 19.0)[0])
+def test_bars_in_phase_are_not_claimed_to_be_two_objects(bars: Stimuli) -> None:
+    model, state = learn(bars.red(19.0) + bars.green([0.0], 19.0)[0])
     assert not (model.verdict(state) == "stable" and len(model.objects(state)) == 2)
     assert model.verdict(state) == "learning"
 
 
-def test_one_bar_is_one_object(bars: Bars) -> None:
+def test_one_bar_is_one_object(bars: Stimuli) -> None:
     """[B fig. 10a-b]"""
-    model, state = learn(Stimuli(bars).red(19.0))
+    model, state = learn(bars.red(19.0))
     (red,) = model.objects(state)
     assert red.neuron == "red"
     assert red.features["right"] > red.features["down"]
 
 
-def test_three_bars_are_three_objects(bars: Bars) -> None:
+def test_three_bars_are_three_objects(bars: Stimuli) -> None:
     """[B fig. 10e-f] At the phase and the offset that the scene has by default."""
-    scene, stimuli = inspect.signature(three_bars).parameters, Stimuli(bars)
-    green = stimuli.green([scene["phase"].default], 19.0)[0]
-    model, state = learn(stimuli.red(19.0) + green + stimuli.blue([scene["blue_offset"].default], 19.0)[0])
+    scene = inspect.signature(three_bars).parameters
+    green = bars.green([scene["phase"].default], 19.0)[0]
+    model, state = learn(bars.red(19.0) + green + bars.blue([scene["blue_offset"].default], 19.0)[0])
     found = model.objects(state)
     assert [thing.neuron for thing in found] == ["red", "green", "blue"]
     motion = [max(FEATURES[GROUPS["motion"]], key=lambda n: thing.features.get(n, 0)) for thing in found]
@@ -154,10 +153,9 @@ def test_only_the_competitive_rule_concentrates_weight_in_the_columns(
     assert low < share < high
 
 
-def test_a_high_learning_rate_that_alternates_is_found_out(bars: Bars) -> None:
+def test_a_high_learning_rate_that_alternates_is_found_out(bars: Stimuli) -> None:
     """Sample-to-sample oscillation: weights look like a table of objects and are none."""
-    stimuli = Stimuli(bars)
-    model, state = learn(stimuli.red(19.0) + stimuli.green([120.0], 19.0)[0], gamma=20.0)
+    model, state = learn(bars.red(19.0) + bars.green([120.0], 19.0)[0], gamma=20.0)
     assert model.verdict(state) == "alternating"
     assert model.objects(state) == []
 

@@ -13,12 +13,12 @@ import torch
 import ndtorch
 from ndtorch.binding import BindingInputs, InhibitoryNetwork, learning_rule, object_table
 from ndtorch.vision import FEATURES
-from ndtorch_train.superposed import Stimuli, film_bars
+from ndtorch_train.superposed import film_bars
 
 # %%
 # The ten sums of every scene, `[64, 1900, 10]`: 4 s to settle and 15 s to learn, a sample every 10 ms.
 phases = [n * 360 / 64 for n in range(64)]
-films = Stimuli(film_bars())
+films = film_bars()
 sums = films.red(19.0) + films.green(phases, 19.0)
 print(sums.shape)
 

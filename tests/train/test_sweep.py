@@ -12,7 +12,7 @@ import pytest
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import toml_values
-from ndtorch_train.superposed import Bars
+from ndtorch_train.superposed import Stimuli
 from ndtorch_train.sweep import trials
 from ndtorch_train.sweep.command import read_sweep
 from ndtorch_train.sweep.trials import BindingTrial, run_block
@@ -68,7 +68,7 @@ def test_included_sweeps() -> None:
 
 
 @pytest.mark.slow
-def test_batch_equals_single_trials(bars: Bars, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_batch_equals_single_trials(bars: Stimuli, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two bars at 290° are separated; bars in phase, and a network that does not learn, are not."""
     monkeypatch.setattr(trials, "film", lambda: bars)
     several = [BindingTrial(), BindingTrial(phase=0.0), BindingTrial(gamma=0.0), BindingTrial(noise=0.05, seed=7)]

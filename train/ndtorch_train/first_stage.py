@@ -7,9 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ndtorch.errors import InputError
-from ndtorch.utils.files import write_text
-
 if TYPE_CHECKING:
     from ndtorch.binding import FirstStage
 
@@ -44,13 +41,10 @@ class FirstStageOptions:
 
 
 def write_first_stage(gamma: float, radius: float, folder: Path) -> FirstStage:
-    """Train the three networks and write `config.toml` and `weights.safetensors`."""
+    """Train the three networks and write them as a model."""
     import torch
 
-    from ndtorch.binding import train_first_stage
-    from ndtorch.binding.first_stage import write_first_stage as write_weights
-    from ndtorch.binding.models.whole_field import PublishedConfig
-    from ndtorch.config import config_text
+    from ndtorch.binding import PublishedModel, train_first_stage
     from ndtorch.run.progress import progress_bar
 
     torch.set_num_threads(1)
@@ -61,10 +55,5 @@ def write_first_stage(gamma: float, radius: float, folder: Path) -> FirstStage:
             bar.set_postfix_str("largest weights " + " ".join(f"{w:.3f}" for w in largest))
 
         stage = train_first_stage(gamma, radius, report=report)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_weights(stage, folder / "weights.safetensors")
-        write_text(folder / "config.toml", config_text(PublishedConfig()))
-    except OSError as error:
-        raise InputError(f"{folder} cannot be written: {error.strerror}") from None
+    PublishedModel(first_stage=stage).save(folder, overwrite=True)
     return stage

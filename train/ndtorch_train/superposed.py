@@ -79,41 +79,28 @@ def film_alone(bar: Bar) -> LoneBar:
     return LoneBar(sums[round(SETTLED / DT) :].clone(), start[0], speed)
 
 
-class Bars(NamedTuple):
-    """The three bars of `three_bars`, each filmed alone."""
+class Stimuli(NamedTuple):
+    """Films of the red, green and blue bar of `three_bars`, each alone; their sums at any starting phases."""
 
-    red: LoneBar
-    green: LoneBar
-    blue: LoneBar
-
-
-def film_bars() -> Bars:
-    """Film the red, the green and the blue bar."""
-    red, green, blue = three_bars(1.0).bars
-    return Bars(*(film_alone(bar) for bar in (red, green, blue)))  # type: ignore[arg-type]
-
-
-class Stimuli:
-    """Sums of each bar of `three_bars` at any starting phases.
-
-    Args:
-        bars: films of the three.
-    """
-
-    def __init__(self, bars: Bars) -> None:
-        self.bars = bars
+    bars: tuple[LoneBar, LoneBar, LoneBar]
 
     def red(self, seconds: float) -> Tensor:
         """The red bar, `[T, 10]`."""
-        return self.bars.red.at(torch.tensor(start_of(0, 0.0, 0.0)), seconds)
+        return self.bars[0].at(torch.tensor(start_of(0, 0.0, 0.0)), seconds)
 
     def green(self, phases: Sequence[float], seconds: float) -> Tensor:
         """The green bar at each lead over the red one in degrees, `[phases, T, 10]`."""
-        return self.bars.green.at(torch.tensor([start_of(1, phase, 0.0) for phase in phases]), seconds)
+        return self.bars[1].at(torch.tensor([start_of(1, phase, 0.0) for phase in phases]), seconds)
 
     def blue(self, offsets: Sequence[float], seconds: float) -> Tensor:
         """The blue bar at each offset in pixels, `[offsets, T, 10]`."""
-        return self.bars.blue.at(torch.tensor([start_of(2, 0.0, offset) for offset in offsets]), seconds)
+        return self.bars[2].at(torch.tensor([start_of(2, 0.0, offset) for offset in offsets]), seconds)
+
+
+def film_bars() -> Stimuli:
+    """Film each of the three bars."""
+    red, green, blue = (film_alone(bar) for bar in three_bars(1.0).bars)  # type: ignore[arg-type]
+    return Stimuli((red, green, blue))
 
 
 def start_of(index: int, phase: float, offset: float) -> float:

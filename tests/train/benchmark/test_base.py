@@ -16,8 +16,7 @@ from ndtorch.scenes import three_bars
 from ndtorch.vision import GROUPS
 from ndtorch_train.benchmark.base import Benchmark, Column, Row, Task
 from ndtorch_train.benchmark.ranges import Found, judge, pair_folders, read_pair, spoiled
-from ndtorch_train.superposed import Bars, Stimuli
-from tests.films import sums_of
+from ndtorch_train.superposed import Stimuli, rendered_sums
 
 COLUMNS = (Column("case", "case"), Column("method", "method"), Column("f", "F", 2, better=1), Column("n", "n"))
 
@@ -121,11 +120,10 @@ def test_the_models_of_the_package_stay(capsys: pytest.CaptureFixture[str]) -> N
     assert "--force" in capsys.readouterr().err
 
 
-def test_superposed_sums_are_those_of_the_rendered_scene(bars: Bars) -> None:
+def test_superposed_sums_are_those_of_the_rendered_scene(bars: Stimuli) -> None:
     """At a phase and offset that were never filmed; after the filters have settled."""
-    want = sums_of(three_bars(3.6, phase=77.0, blue_offset=33.0))[300:]
-    stimuli = Stimuli(bars)
-    got = stimuli.red(3.6) + stimuli.green([77.0], 3.6)[0] + stimuli.blue([33.0], 3.6)[0]
+    want = rendered_sums(three_bars(3.6, phase=77.0, blue_offset=33.0))[300:]
+    got = bars.red(3.6) + bars.green([77.0], 3.6)[0] + bars.blue([33.0], 3.6)[0]
     error = (got[300:] - want).abs().amax(0) / want.amax()
     by_feature = (got[300:] - want).abs().amax(0) / want.amax(0)
     assert by_feature[[0, 1, 2]].max() < 0.015  # motion to the left, right and down
@@ -134,8 +132,8 @@ def test_superposed_sums_are_those_of_the_rendered_scene(bars: Bars) -> None:
     assert by_feature[GROUPS["color"]].max() < 0.002
 
 
-def test_films_repeat_with_the_period_of_the_shadow(bars: Bars) -> None:
-    sums = bars.red.at(torch.tensor([10.0, 60.0]), 2.0)
+def test_films_repeat_with_the_period_of_the_shadow(bars: Stimuli) -> None:
+    sums = bars.bars[0].at(torch.tensor([10.0, 60.0]), 2.0)
     torch.testing.assert_close(sums[0], sums[1], rtol=1e-4, atol=1e-3)
-    later = bars.blue.at(torch.tensor(0.0), 3.0)
+    later = bars.bars[2].at(torch.tensor(0.0), 3.0)
     torch.testing.assert_close(later[:100], later[100:200], rtol=1e-3, atol=1e-2)

@@ -19,8 +19,8 @@ from ndtorch.binding.network import settled
 from ndtorch.binding.objects import features_by_group
 from ndtorch.scenes import Bar, BarScene, three_bars, two_bars
 from ndtorch.scenes.base import RenderedScene
-from ndtorch.vision import VisualFeatures
 from ndtorch_train.benchmark.base import Split
+from ndtorch_train.superposed import rendered_sums
 
 SECONDS = 45.0
 """Duration of every film."""
@@ -213,16 +213,6 @@ class Sums(NamedTuple):
     fps: float
 
 
-def film_sums(film: BarFilm) -> Tensor:
-    """The ten sums of every frame, `[T, 10]`."""
-    features, state, sums = VisualFeatures(film.size, 1 / film.fps), None, []
-    with torch.inference_mode():
-        for frames in film.chunks(8):
-            out, state = features(frames, state)
-            sums.append(out)
-    return torch.cat(sums)
-
-
 def kept_sums(film: BarFilm, path: Path) -> Sums:
     """The sums and the truth of a film, from the file or computed and written there.
 
@@ -230,10 +220,10 @@ def kept_sums(film: BarFilm, path: Path) -> Sums:
     at least a third of the largest of their group.
     """
     if not path.exists():
-        alone = [film_sums(film.alone(k))[round(2 * film.fps) :].std(0) for k in range(len(film.bars))]
+        alone = [rendered_sums(film.alone(k))[round(2 * film.fps) :].std(0) for k in range(len(film.bars))]
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(".part.npz")
-        np.savez(partial, sums=film_sums(film).numpy(), alone=torch.stack(alone).numpy())
+        np.savez(partial, sums=rendered_sums(film).numpy(), alone=torch.stack(alone).numpy())
         partial.replace(path)
     with np.load(path) as kept:
         sums, deviations = torch.from_numpy(kept["sums"]), torch.from_numpy(kept["alone"])

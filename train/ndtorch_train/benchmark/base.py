@@ -176,6 +176,12 @@ def _work(task: Task, *, folder: Path) -> list[Row]:
     return task.work(folder)
 
 
+def means(rows: Sequence[Row], columns: Sequence[Column]) -> Row:
+    """The mean of each column over the rows that have a value; None without any."""
+    values = {c.key: [float(row[c.key]) for row in rows if row[c.key] is not None] for c in columns}
+    return {key: sum(each) / len(each) if each else None for key, each in values.items()}
+
+
 def known(option: str, names: Sequence[str], allowed: Sequence[str]) -> None:
     """Raise `InputError` for names that are not allowed."""
     for name in names:

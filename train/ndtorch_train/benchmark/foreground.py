@@ -27,7 +27,7 @@ from ndtorch.loading import model_kind
 from ndtorch.run.opening import CAMERA_MODELS
 from ndtorch.scenes.video import reduced
 from ndtorch.utils.packages import need
-from ndtorch_train.benchmark.base import Benchmark, Column, Row, Split, Task, known
+from ndtorch_train.benchmark.base import Benchmark, Column, Row, Split, Task, known, means
 
 Pixels = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
@@ -150,15 +150,9 @@ def measure(method: str, clip: Clip, out: Path) -> list[Row]:
 
 def mean_rows(rows: list[Row]) -> list[Row]:
     """The mean of every method over all clips."""
-    found = []
-    for method in dict.fromkeys(row["method"] for row in rows):
-        own = [row for row in rows if row["method"] == method]
-        columns = {c.key: [float(row[c.key]) for row in own if row[c.key] is not None] for c in COLUMNS[2:]}
-        found.append(
-            {"clip": "mean", "method": method}
-            | {key: float(np.mean(values)) if values else None for key, values in columns.items()}
-        )
-    return found
+    methods = dict.fromkeys(row["method"] for row in rows)
+    each = {method: [row for row in rows if row["method"] == method] for method in methods}
+    return [{"clip": "mean", "method": method, **means(own, COLUMNS[2:])} for method, own in each.items()]
 
 
 def run_model(name: str, clip: Clip) -> Iterator[tuple[list[Pixels], Report]]:
@@ -302,17 +296,12 @@ def truth_of(clip: Clip) -> Iterator[Truth]:
             wide = cv2.dilate(moving.astype(np.uint8), np.ones((2 * AROUND_PX + 1, 2 * AROUND_PX + 1)))
             count, labels = cv2.connectedComponents(wide)
             names = np.flatnonzero(np.bincount(labels[moving], minlength=count)[1:] >= smallest) + 1
-            yield Truth(
-                functools.partial(in_blobs, np.asarray(labels), names),
-                moving=moving,
-                counted=moving | (frame[..., 0] < IGNORED),
-            )
+            holds = functools.partial(in_blobs, np.asarray(labels), names)
+            yield Truth(holds, moving=moving, counted=moving | (frame[..., 0] < IGNORED))
         return
     table = np.loadtxt(clip.folder / "gt.txt", delimiter=",", ndmin=2)
     table = table[table[:, 6] > 0]
-    number = 0
-    while True:
-        number += 1
+    for number in itertools.count(1):
         own = table[table[:, 0] == number]
         boxes = np.concatenate([own[:, 2:4], own[:, 2:4] + own[:, 4:6]], 1)
         yield Truth(functools.partial(in_boxes, boxes), own[:, 1].astype(int).tolist(), boxes)

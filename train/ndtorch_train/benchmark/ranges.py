@@ -21,7 +21,7 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import FeatureParams, MatchParams, SearchParams, StereoRanging, StereoRig
 from ndtorch.report.page import Shown
-from ndtorch_train.benchmark.base import Benchmark, Column, Row, Task
+from ndtorch_train.benchmark.base import Benchmark, Column, Row, Task, means
 
 Image = npt.NDArray[np.uint8]
 Disparity = npt.NDArray[np.float32]
@@ -160,12 +160,10 @@ def mean_rows(rows: list[Row]) -> list[Row]:
     groups: dict[tuple[str, str], list[Row]] = defaultdict(list)
     for row in rows:
         groups[row["condition"], row["method"]].append(row)
-    means = []
-    for (condition, method), group in groups.items():
-        values = {c.key: [row[c.key] for row in group if row[c.key] is not None] for c in COLUMNS[2:]}
-        numbers = {key: float(np.mean(each)) if each else None for key, each in values.items()}
-        means.append({"case": f"all pairs, {condition}", "method": method, **numbers})
-    return means
+    return [
+        {"case": f"all pairs, {condition}", "method": method, **means(group, COLUMNS[2:])}
+        for (condition, method), group in groups.items()
+    ]
 
 
 def pair_folders(folder: Path) -> list[Path]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
@@ -114,13 +116,18 @@ def motion_tuning(context: Context, step: float = 5.0) -> Outcome:
     return Outcome(ours, why, criteria, {"half-widths before": before, "after": after, "weakest of three": weakest})
 
 
-def orientation_tuning(context: Context, step: float = 2.5) -> Outcome:
-    """A bar at rest at every orientation."""
+def orientation_inputs(step: float, **filters: Any) -> tuple[Tensor, Tensor]:
+    """Orientations of a bar at rest, degrees, and its orientation sums `[T, 3]` by such filters."""
     tilts = torch.arange(0, 180, step, dtype=torch.float64)
-    features = VisualFeatures((100, 100), exact=True)
+    features = VisualFeatures((100, 100), exact=True, **filters)
     with torch.inference_mode():
         sums = torch.stack([features(static_bar(float(t))[None])[0][0] for t in tilts])
-    inputs = sums[:, GROUPS["orientation"]].double()
+    return tilts, sums[:, GROUPS["orientation"]].double()
+
+
+def orientation_tuning(context: Context, step: float = 2.5) -> Outcome:
+    """A bar at rest at every orientation."""
+    tilts, inputs = orientation_inputs(step)
     inputs = inputs / inputs.max()
     outputs = settled("orientation", inputs)
     figure, axes = panels("ab", 10, 5.2, subplot_kw={"projection": "polar"})

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -103,30 +104,23 @@ def time_constants(
 ) -> Outcome:
     """Every pair of time constants of NDS, judged by range of increase first, then straightness."""
     speeds = [0.25 * k for k in range(1, 9)]
-    found = {}
-    for high in taus:
-        for low in taus:
-            settle = max([0] + [math.ceil(5 * tau * 30) for tau in (high, low) if math.isfinite(tau)])
-            curve = judge_speed_curve(torch.tensor(speeds), magnitudes(NDS(high, low), speeds, 4, settle, 160))
-            found[high, low] = float(curve.monotonic_to), float(curve.linearity)
+
+    def judged(sensor: Callable[..., nn.Module], *pair: float) -> tuple[float, float]:
+        settle = max([0] + [math.ceil(5 * tau * 30) for tau in pair if math.isfinite(tau)])
+        curve = judge_speed_curve(torch.tensor(speeds), magnitudes(sensor(*pair), speeds, 4, settle, 160))
+        return float(curve.monotonic_to), float(curve.linearity)
+
+    found = {pair: judged(NDS, *pair) for pair in itertools.product(taus, repeat=2)}
     high, low = max(found, key=lambda pair: found[pair])
     best = {}
     for name, sensor in (("ND-minus", NDMinus), ("ND-min", NDMin)):
-        single = {}
-        for tau in taus:
-            settle = math.ceil(5 * tau * 30) if math.isfinite(tau) else 0
-            curve = judge_speed_curve(torch.tensor(speeds), magnitudes(sensor(tau), speeds, 4, settle, 160))
-            single[tau] = float(curve.monotonic_to), float(curve.linearity)
+        single = {tau: judged(sensor, tau) for tau in taus}
         best[name] = max(single, key=lambda tau: single[tau])
     ours = f"{1000 * high:g} ms / {1000 * low:g} ms; " + ", ".join(f"{n} {1000 * tau:g} ms" for n, tau in best.items())
     why = "High-pass / low-pass of NDS; by range of increase first, then absence of saturation, as in the paper."
+    criteria = {"5 ms / 0": (high, low) == (0.005, 0.0)} | {f"{n} 5 ms": tau == 0.005 for n, tau in best.items()}
     numbers = {"reach and straightness": {str(pair): result for pair, result in found.items()}}
-    return Outcome(
-        ours,
-        why,
-        {"5 ms / 0": (high, low) == (0.005, 0.0)} | {f"{n} 5 ms": tau == 0.005 for n, tau in best.items()},
-        numbers,
-    )
+    return Outcome(ours, why, criteria, numbers)
 
 
 def pixel_angle(context: Context) -> Outcome:

@@ -16,7 +16,7 @@ from ndtorch.scenes import make_scene
 from ndtorch.vision import FEATURES
 from ndtorch_train.plots import feature_legend, matrix_panel, output_panel, panels
 from ndtorch_train.reproduce.experiment import Context
-from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars, rendered_sums
+from ndtorch_train.superposed import LoneBar, Stimuli, film_bars, rendered_sums
 
 PAIR = ["red", "green"]
 N_RED, N_GREEN, N_BLUE = (FEATURES.index(name) for name in ("red", "green", "blue"))
@@ -35,12 +35,13 @@ def superposed(
     """Sums of lone bars: red `[T, 10]`, green `[phases, T, 10]`, blue `[offsets, T, 10]`. See `train.superposed`."""
 
     def make() -> dict[str, Any]:
-        bars = film_bars()._asdict()
-        places = {f"{name}_place": np.array([bar.x, bar.speed]) for name, bar in bars.items()}
-        return {name: bar.sums.numpy() for name, bar in bars.items()} | places
+        bars = film_bars().bars
+        places = np.array([(bar.x, bar.speed) for bar in bars])
+        return {f"{n}": bar.sums.numpy() for n, bar in enumerate(bars)} | {"places": places}
 
     got = context.stored("bars", {}, make)
-    stimuli = Stimuli(Bars(*(LoneBar(torch.from_numpy(got[n]), *map(float, got[f"{n}_place"])) for n in Bars._fields)))
+    red, green, blue = (LoneBar(torch.from_numpy(got[f"{n}"]), *at) for n, at in enumerate(got["places"].tolist()))
+    stimuli = Stimuli((red, green, blue))
     return stimuli.red(seconds), stimuli.green(phases, seconds), stimuli.blue(offsets, seconds)
 
 

@@ -11,23 +11,19 @@ from torch import Tensor
 
 from ndtorch.binding import BindingInputs, FirstStage, InhibitoryNetwork, learning_rule
 from ndtorch.report.plots import STYLES
-from ndtorch.scenes import make_scene, static_bar
+from ndtorch.scenes import make_scene
 from ndtorch.vision import FEATURES, GROUPS, VisualFeatures
 from ndtorch_train.plots import BLUE, ORANGE, feature_legend, matrix_panel, panels
 from ndtorch_train.reproduce.experiment import Context, Outcome
-from ndtorch_train.reproduce.first_stage import settled
+from ndtorch_train.reproduce.first_stage import orientation_inputs, settled
 from ndtorch_train.reproduce.signals import PAIR, learn, owners, rendered
 
 
 def filter_width(context: Context, step: float = 5.0, scales: Sequence[float] = (0.8, 1.0, 1.25)) -> Outcome:
     """A bar at rest at every orientation, through filters that are narrower or wider across."""
-    tilts = torch.arange(0, 180, step, dtype=torch.float64)
     curves: dict[str, list[Tensor]] = {"inputs": [], "outputs": []}
     for scale in scales:
-        features = VisualFeatures((100, 100), exact=True, center=(19.0, 6.0 * scale), surround=(22.0, 9.0 * scale))
-        with torch.inference_mode():
-            sums = torch.stack([features(static_bar(float(t))[None])[0][0] for t in tilts])
-        inputs = sums[:, GROUPS["orientation"]].double()
+        tilts, inputs = orientation_inputs(step, center=(19.0, 6.0 * scale), surround=(22.0, 9.0 * scale))
         for name, curve in (("inputs", inputs), ("outputs", settled("orientation", inputs).clamp_min(0))):
             curves[name].append(curve / curve.amax(0))
     figure, axes = panels("ab", 11, 4, sharey=True)

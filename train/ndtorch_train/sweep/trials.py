@@ -20,7 +20,7 @@ from ndtorch.navigation import FeatureParams, MatchParams
 from ndtorch.utils.tensors import mapped
 from ndtorch.vision import FEATURES
 from ndtorch_train.recorded import from_arrays, map_of, quality, ranges_of, record_drive, score_of
-from ndtorch_train.superposed import Bars, Stimuli, film_bars
+from ndtorch_train.superposed import Stimuli, film_bars
 
 Positive = Annotated[float, Field(ge=0)]
 Result = dict[str, Any]
@@ -122,14 +122,14 @@ def run_block(trials: Sequence[Any], device: str = "cpu") -> list[Result]:
 
 
 @functools.cache
-def film() -> Bars:
+def film() -> Stimuli:
     """The three bars alone, filmed once a process."""
     return film_bars()
 
 
 def sums_of(trial: BindingTrial) -> Tensor:
     """Sums of the ten features, `[T, 10]`."""
-    stimuli, seconds = Stimuli(film()), SETTLE + trial.seconds
+    stimuli, seconds = film(), SETTLE + trial.seconds
     sums = stimuli.red(seconds).clone()
     if trial.bars > 1:
         sums += stimuli.green([trial.phase], seconds)[0]
