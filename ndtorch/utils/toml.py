@@ -18,9 +18,12 @@ from ndtorch.utils.files import TEXT_BYTES, read_text
 
 
 class Strict(BaseModel):
-    """A table of a file: unknown keys are errors, and so are NaN, infinity, true and texts where a number is wanted."""
+    """A table of a file: unknown keys are errors, and so are NaN, infinity, true and texts where a number is wanted.
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    Docstrings below keys describe them.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
     def __init__(self, **data: Any) -> None:
         try:

@@ -37,7 +37,11 @@ def open_car(config: RunConfig, report: Report, go: bool = False, observers: Ite
             clock = CameraClock()
         stack.callback(cameras.close)
         stack.callback(drive.close)
-        yield make_car(config, cameras, rig, clock, drive, report, go, observers)
+        limits, half = config.safety_limits, config.navigation.map_half_size_m
+        grid = Grid(-half, half, -half, half) if half else None
+        runner = NavigatorRunner(config.navigation, rig, config.rate_hz, grid, body=config.body)
+        safe = SafeDrive(drive, clock, limits, CameraMonitor(rig, config.rate_hz, limits.frame_age_s), report)
+        yield Car(runner, cameras, safe, observers=observers, go=go)
 
 
 @contextlib.contextmanager
@@ -68,26 +72,6 @@ def open_drive(config: RunConfig, report: Report) -> Iterator[tuple[Drive, Clock
         yield drive, clock, cameras
     finally:
         drive.close()
-
-
-def make_car(
-    config: RunConfig,
-    cameras: CameraPair,
-    rig: StereoRig,
-    clock: Clock,
-    drive: Drive,
-    report: Report,
-    go: bool = False,
-    observers: Iterable[Observer] = (),
-    near_check: bool = True,
-) -> Car:
-    """A car of these parts, with the navigator and the safety layer of a configuration."""
-    limits, half = config.safety_limits, config.navigation.map_half_size_m
-    grid = Grid(-half, half, -half, half) if half else None
-    runner = NavigatorRunner(config.navigation, rig, config.rate_hz, grid, near_check, config.body)
-    check = CameraMonitor(rig, config.rate_hz, limits.frame_age_s)
-    safe = SafeDrive(drive, clock, limits, check, report)
-    return Car(runner, cameras, safe, observers=observers, go=go)
 
 
 def open_real_cameras(config: RunConfig) -> tuple[StereoCameras, StereoRig]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Body, StereoRig
@@ -27,13 +27,7 @@ MAX_LIMITS = {"speed_m_per_s": 5.0, "step_s": 0.12, "frame_age_s": 0.2, "recover
 """Highest values of `[limits]`."""
 
 
-class ConfigTable(Strict):
-    """A table whose keys are described by the docstrings below them."""
-
-    model_config = ConfigDict(use_attribute_docstrings=True)
-
-
-class RigTable(ConfigTable):
+class RigTable(Strict):
     """`[rig]`: what a calibration of the cameras gives, and where they are; see `ndtorch.navigation.StereoRig`."""
 
     baseline_m: Positive = 0.30
@@ -75,7 +69,7 @@ class NavigationTable(NavigatorOptions):
             raise InputError(f"map_half_size_m must be 0 to 50, got {self.map_half_size_m}")
 
 
-class SimulationTable(ConfigTable):
+class SimulationTable(Strict):
     """`[simulation]`: a simulated world in place of cameras and car.
 
     A board in Python drives it, with `link.kind = "hosted-board"` the firmware, with `"simulated-world"` no board.
@@ -89,7 +83,7 @@ class SimulationTable(ConfigTable):
     """Disturbances of cameras and car, names or key=number; see `ndtorch drive --help`."""
 
 
-class Ros2Table(ConfigTable):
+class Ros2Table(Strict):
     """`[ros2]`: topics for ROS 2 beside the loop."""
 
     domain_id: Annotated[int, Field(ge=0, le=232)] = 0
@@ -98,7 +92,7 @@ class Ros2Table(ConfigTable):
     """Address of the other computer; this one alone by default."""
 
 
-class RunConfig(ConfigTable):
+class RunConfig(Strict):
     """The file of a robot for `ndtorch run`; `--robot` of other commands reads body, cameras, limits and navigation."""
 
     board_name: Annotated[str, Field(min_length=1, max_length=8)] = "maxston8"

@@ -81,7 +81,7 @@ def doors():
     niches = [Box(2 + 1.5 * k, 1.0, 2.9 + 1.5 * k, 1.1, "door") for k in range(3)]
     outline, solids = trace([Box(0, -1, 9, 1), *niches])
     rows = (tuple((2 + 1.5 * k, 1.0) for k in range(3)),)
-    plan = Plan("test", outline, solids, doors=rows, spacing=1.5)
+    plan = Plan("test", outline, solids, doors=rows)
     ends = np.roll(outline.array, -1, 0)
     profiles = [
         np.full(round(float(np.hypot(*(b - a))) * ALONG), 0.2 if kind == "door" else 0.8)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import cv2
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from ndtorch.errors import InputError
 from ndtorch.scenes import readers
@@ -33,8 +33,6 @@ Image = np.ndarray[Any, np.dtype[np.uint8]]
 
 class CameraSettings(Strict):
     """`[cameras]` of a car's file."""
-
-    model_config = ConfigDict(use_attribute_docstrings=True)
 
     left: Annotated[str, Field(min_length=1)]
     """Left camera: a device (/dev/v4l/by-path/..., /dev/video0 or a number), picamera2:0, or an address with ://."""

@@ -28,16 +28,11 @@ OFTEN = 5
 class MapScore(NamedTuple):
     """How good a map is; None where there is nothing to measure."""
 
-    precision: float | None = None
-    """Part of the map's mass within 10 cm of a true edge."""
-    recall: float | None = None
-    """Part of the visible edges that have a peak of the map within 10 cm."""
-    position_error_cm: float | None = None
-    """Median distance from these edges to their peaks."""
-    spacing_error_percent: float | None = None
-    """Error of the median distance between the peaks of neighbouring doors."""
-    surfaces: float | None = None
-    """Part of the map's mass within 10 cm of any surface: the measure of a map that was ranged all along walls."""
+    precision: float | None = None  # part of the map's mass within 10 cm of a true edge
+    recall: float | None = None  # part of the visible edges that have a peak of the map within 10 cm
+    position_error_cm: float | None = None  # median distance from these edges to their peaks
+    spacing_error_percent: float | None = None  # of the median distance of the peaks of neighbouring doors
+    surfaces: float | None = None  # part of the mass within 10 cm of any surface, for maps ranged along walls
 
 
 class Edges(NamedTuple):
@@ -161,4 +156,4 @@ def spacing_error(plan: Plan, tops: Floats) -> float | None:
         distance = np.hypot(*(np.array(row)[:, None] - tops).transpose(2, 0, 1))
         good = distance.min(1) <= NEAR
         gaps += np.hypot(*np.diff(tops[distance.argmin(1)], axis=0).T)[good[1:] & good[:-1]].tolist()
-    return abs(float(np.median(gaps)) / plan.spacing - 1) * 100 if gaps else None
+    return abs(float(np.median(gaps)) / math.dist(*plan.doors[0][:2]) - 1) * 100 if gaps else None

@@ -10,7 +10,7 @@ from ndtorch.utils.toml import Strict
 from ndtorch_robot.link import HOSTED_BOARD, SIMULATED_BOARD, SIMULATED_WORLD, Opening, link
 from ndtorch_robot.link.board import NAMES, PERIOD_MS, Board, Pulse
 from ndtorch_robot.link.link_drive import HEARTBEAT, LinkDrive
-from ndtorch_robot.ports import CameraPair, Clock, Report, StereoFrames
+from ndtorch_robot.ports import CameraPair, Clock, StereoFrames
 from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost
 from ndtorch_robot.sim.simulation import SUBSTEPS, Simulation
 
@@ -31,21 +31,14 @@ class SimulatedDrive(LinkDrive):
     called with every pulse. Raises `InputError` where the board does not answer, or is that of another car.
     """
 
-    def __init__(
-        self,
-        simulation: Simulation,
-        board: Board | FirmwareHost,
-        board_name: str,
-        report: Report,
-        real_time: bool = False,
-    ) -> None:
-        self.simulation, self.board, self.electronics = simulation, board, Electronics()
+    def __init__(self, board: Board | FirmwareHost, opening: Opening, real_time: bool = False) -> None:
+        self.simulation, self.board, self.electronics = opening.world, board, Electronics()
         self.up: Cable = lambda data, now: data
         self.down: Cable = lambda data, now: data
         self.pulsed: Callable[[Pulse], None] = lambda pulse: None
         self.waiting, self.beaten, self.period = b"", 0.0, 0
-        self.start = time.monotonic() - simulation.now() if real_time else None
-        super().__init__(self, simulation.now, board_name, report)
+        self.start = time.monotonic() - self.simulation.now() if real_time else None
+        super().__init__(self, self.simulation.now, opening.board_name, opening.report)
         while not self.welcomed.is_set():
             if self.refusal is not None or self.now() > ANSWERS_IN:
                 self.close()
@@ -95,14 +88,12 @@ class SimulatedSettings(Strict):
 
 @link(HOSTED_BOARD)
 def open_hosted(settings: SimulatedSettings, opening: Opening) -> SimulatedDrive:
-    name = opening.board_name
-    return SimulatedDrive(opening.world, FirmwareHost(), name, opening.report, settings.real_time)
+    return SimulatedDrive(FirmwareHost(), opening, settings.real_time)
 
 
 @link(SIMULATED_BOARD)
 def open_simulated(settings: SimulatedSettings, opening: Opening) -> SimulatedDrive:
-    name = opening.board_name
-    return SimulatedDrive(opening.world, Board(name), name, opening.report, settings.real_time)
+    return SimulatedDrive(Board(opening.board_name), opening, settings.real_time)
 
 
 @link(SIMULATED_WORLD)

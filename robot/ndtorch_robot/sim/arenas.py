@@ -152,7 +152,7 @@ def hallway(seed: int) -> Plan:
                 holes.append(mirrored(Box(post, half - 0.12, post + 0.3, half, "pillar"), side))
     outline, solids = trace(rooms, holes)
     start = (0.5, float(rng.uniform(-0.1, 0.1)), 0.0)
-    return Plan("hallway", outline, solids, start, tuple(doors), DOOR_SPACING)
+    return Plan("hallway", outline, solids, start, tuple(doors))
 
 
 def curve(seed: int) -> Plan:

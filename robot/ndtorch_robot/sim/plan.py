@@ -88,7 +88,6 @@ class Plan:
     solids: tuple[Ring, ...] = ()  # pillars, furniture, inner walls
     start: tuple[float, float, float] | None = None  # x, y, m, and heading, radians; None lets the seed choose
     doors: tuple[tuple[Point, ...], ...] = ()  # rows of corners that are one door apart, for scoring their spacing
-    spacing: float = 0.0  # of neighbouring doors, m; 0 where there are none
     height: float = 2.4  # of the ceiling, m
     floor: Pattern = "carpet"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -58,24 +58,12 @@ def floor_light(pattern: Pattern, x: Array, y: Array, rng: np.random.Generator) 
     return np.asarray(tones[row][:, column] * np.minimum(across, along[:, None]), np.float32)
 
 
-class Surface(NamedTuple):
-    """One surface: `texels` `[rows, columns, 3]`, the top row first, from the start of the edge to its end.
+def ring_textures(shape: Ring, height: float, rng: np.random.Generator) -> list[Image]:
+    """Texels `[rows, columns, 3]` of each surface of a ring up to a height, m, from the start of its edge to its end.
 
-    It reaches from `bottom` up to `height`, m.
+    The top row comes first. Walls have panels up to 1 m with a rail above, uneven light, paper on them here and
+    there, and some stretches without any texture.
     """
-
-    texels: Image
-    height: float
-    bottom: float = 0.0
-
-
-def ring_textures(shape: Ring, ceiling: float, rng: np.random.Generator) -> list[Surface]:
-    """The surfaces of a ring, one for each edge.
-
-    Walls have panels up to 1 m with a rail above, uneven light, paper on them here and there, and some
-    stretches without any texture.
-    """
-    height = min(shape.height or ceiling, ceiling)
     sides = shape.sides[:, 1] - shape.sides[:, 0]
     lengths = np.hypot(*sides.T)
     style = RingStyle(float(lengths.sum()), rng)
@@ -93,7 +81,7 @@ def ring_textures(shape: Ring, ceiling: float, rng: np.random.Generator) -> list
         if not plain and kind == "wall":
             for (middle, width, low, high), color in zip(style.papers, style.paper_colors, strict=True):
                 texels[(np.abs(begin + s - middle) < width / 2) & (z > low) & (z < low + high)] = color
-        painted.append(Surface(to_bytes(texels), height, shape.bottom))
+        painted.append(to_bytes(texels))
         begin += length
     return painted
 
@@ -162,8 +150,8 @@ def floor_texture(plan: Plan, rng: np.random.Generator) -> tuple[Image, tuple[fl
     return image, (left - 0.2, left - 0.2 + columns / FLOOR, bottom - 0.2, bottom - 0.2 + rows / FLOOR)
 
 
-def ceiling_texture(rows: int = 256, columns: int = 256) -> Image:
-    y, x = np.mgrid[0:rows, 0:columns]
+def ceiling_texture() -> Image:
+    y, x = np.mgrid[0:256, 0:256]
     lamp = ((x // 16) % 4 == 1) & ((y // 16) % 4 == 1)
     joint = (x % 16 == 0) | (y % 16 == 0)
     return to_bytes(np.where(lamp, 0.98, np.where(joint, 0.62, 0.72))[..., None] * np.ones(3))

@@ -73,10 +73,12 @@ def build(plan: Plan, seed: int = 0, rig: StereoRig | None = None, body: Body | 
     """Paint and build a plan. The seed decides what it looks like."""
     rng = np.random.default_rng((seed, 100))
     rig, body = rig or StereoRig(), body or Body()
-    surfaces = [s for r in plan.rings for s in ring_textures(r, plan.height, rng)]
+    tops = [min(r.height or plan.height, plan.height) for r in plan.rings]
+    surfaces = [texels for r, top in zip(plan.rings, tops, strict=True) for texels in ring_textures(r, top, rng)]
+    reaches = [(r.bottom, top) for r, top in zip(plan.rings, tops, strict=True) for _ in r.points]
     floor, ground = floor_texture(plan, rng)
     edged = ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0))
-    images = [floor, ceiling_texture(), *(np.pad(surface.texels, edged, "edge") for surface in surfaces)]
+    images = [floor, ceiling_texture(), *(np.pad(texels, edged, "edge") for texels in surfaces)]
     scene = Quads()
     add_skirting(scene, plan, closed=rig.camera_height < SKIRTING[1])
     for solid in plan.solids:
@@ -85,9 +87,9 @@ def build(plan: Plan, seed: int = 0, rig: StereoRig | None = None, body: Body | 
             scene.level(tuple(sides), solid.height - 0.001, LID_COLOR)
             if solid.bottom:
                 scene.level(tuple(sides), solid.bottom + 0.001, LID_COLOR, down=True)
-    for n, ((a, b), surface) in enumerate(zip(plan.segments, surfaces, strict=True)):
+    for n, ((a, b), reach) in enumerate(zip(plan.segments, reaches, strict=True)):
         v, u = (MARGIN / size for size in images[2 + n].shape[:2])
-        scene.upright(tuple(a), tuple(b), (surface.bottom, surface.height), 2 + n, (u, 1 - u), (v, 1 - v))
+        scene.upright(tuple(a), tuple(b), reach, 2 + n, (u, 1 - u), (v, 1 - v))
     scene.level(ground, 0.0, 0, (1.0, 1.0))
     repeated = ((ground[1] - ground[0]) / CEILING_TILE, (ground[3] - ground[2]) / CEILING_TILE)
     scene.level(ground, plan.height, 1, repeated, down=True)
@@ -96,16 +98,14 @@ def build(plan: Plan, seed: int = 0, rig: StereoRig | None = None, body: Body | 
         np.repeat(scene.surface, 2).astype(np.int32),
         *with_mipmaps(images),
         *obstacles(plan, rig, body),
-        [profile(s.texels, (rig.camera_height - s.bottom) / (s.height - s.bottom)) for s in surfaces],
+        [profile(s, (rig.camera_height - low) / (top - low)) for s, (low, top) in zip(surfaces, reaches, strict=True)],
     )
 
 
 def add_skirting(scene: Quads, plan: Plan, closed: bool) -> None:
     """A dark board along the foot of the walls, as a mesh: in the texture, the filter would blur it away.
 
-    Args:
-        closed: boards meet at corners, for cameras that see them from their own height: slits between them would be
-            features in the rows that are ranged.
+    Where cameras look from its own height, it is closed at corners: slits would be features in the rows.
     """
     kinds = [kind for shape in plan.rings for kind in shape.kinds]
     for ((ax, ay), (bx, by)), kind in zip(plan.segments, kinds, strict=True):

@@ -7,10 +7,12 @@ from ndtorch.navigation import Pose, StereoRig
 from ndtorch.navigation.controllers.ranging._kernels import mark_scan
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
+from ndtorch_robot.camera_monitor import CameraMonitor
+from ndtorch_robot.car import Car
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Drive, DriveCommand, Step, StereoFrames, unseal
-from ndtorch_robot.run import make_car
-from ndtorch_robot.run_config import RunConfig, SimulationTable
+from ndtorch_robot.run_config import RunConfig
+from ndtorch_robot.safety import SafeDrive
 
 RIG = StereoRig(width=64, height=48, focal=43.0)
 
@@ -62,8 +64,10 @@ class FilmCar(Drive):
 
 def bare_loop(car, rig, observers=None, **navigation):
     """A loop that drives off at once."""
-    config = RunConfig(board_name="bare", simulation=SimulationTable(), navigation=navigation)
-    return make_car(config, car, rig, car, car, lambda line: None, True, observers or [], near_check=False)
+    limits = RunConfig().safety_limits
+    runner = NavigatorRunner(NavigatorOptions(**navigation), rig, 30.0, None, near_check=False)
+    safe = SafeDrive(car, car, limits, CameraMonitor(rig, 30.0, limits.frame_age_s))
+    return Car(runner, car, safe, observers=observers or [], go=True)
 
 
 def known_step(pose=(1.0, 2.0, 0.3), places=((0.8, 0.4), (-0.5, -0.6)), driven=(0.4, 0.5), grid=None):
