@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numba
 import pytest
@@ -40,7 +41,7 @@ def test_what_is_broken_fails_with_advice(capsys, monkeypatch):
     def missing(name):
         if name == "av":
             raise ImportError("libavcodec.so: cannot open shared object file\nmore")
-        return load(name)
+        return SimpleNamespace(__version__="4.11.0") if name == "cv2" else load(name)
 
     monkeypatch.setattr(doctor, "import_module", missing)
     monkeypatch.setattr("ndtorch.utils.jit.make_private", lambda folder: False)
@@ -49,7 +50,8 @@ def test_what_is_broken_fails_with_advice(capsys, monkeypatch):
     assert "FAIL av" in out
     assert "pip install" in out
     assert "chmod 700" in out
-    assert "does not work: av, kernel cache" in out
+    assert "4.11.0 (not loaded), but >=5 is asked for" in out
+    assert "does not work: opencv-python-headless, av, kernel cache" in out
 
 
 def test_preparing_compiles_all_controllers_and_models(capsys, monkeypatch):

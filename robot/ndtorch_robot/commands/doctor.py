@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import platform
@@ -11,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from typing import Literal
 
 MARKS = {"works": "ok  ", "missing": "-   ", "fails": "FAIL"}
@@ -58,14 +59,27 @@ class Doctor:
 
 
 def examine() -> Iterator[Finding]:
-    from ndtorch.utils.packages import NAMES
+    from packaging.requirements import Requirement
+    from packaging.specifiers import SpecifierSet
 
+    from ndtorch.utils.packages import NAMES, OURS
+
+    wanted: dict[str, SpecifierSet] = {}
+    for ours in OURS:
+        with contextlib.suppress(PackageNotFoundError):
+            asked = [Requirement(text) for text in requires(ours) or ()]
+            wanted |= {one.name: one.specifier for one in asked if one.specifier}
     yield "Python", "works", f"{platform.python_version()} on {platform.platform()}"
     for module in (*NEEDED, *OPTIONAL):
         name = NAMES.get(top := module.split(".")[0], top)
         try:
             loaded = import_module(module) if module in NEEDED else None
-            yield name, "works", str(getattr(loaded, "__version__", "") or version(name))
+            there = str(getattr(loaded, "__version__", "") or version(name))
+            if name in wanted and not wanted[name].contains(there, prereleases=True):
+                advice = f"{wanted[name]} is asked for: pip install '{name}{wanted[name]}'"
+                yield name, "fails", f"{there} ({getattr(loaded, '__file__', 'not loaded')}), but {advice}"
+            else:
+                yield name, "works", there
         except (ImportError, OSError, PackageNotFoundError) as error:
             why = f"for {OPTIONAL[module]}" if module in OPTIONAL else str(error).splitlines()[0]
             yield name, "missing" if module in OPTIONAL else "fails", f"not installed ({why}): pip install {name}"
