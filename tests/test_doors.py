@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -100,11 +99,6 @@ def test_a_state_of_another_module(name: str) -> None:
 def test_sizes_that_allocate_and_numbers_without_meaning(make: Callable[[], Any]) -> None:
     with pytest.raises(InputError):
         make()
-
-
-def test_functions_are_their_own() -> None:
-    assert str(inspect.getsourcefile(ndtorch.HassensteinReichardt.forward)).endswith("vision/motion.py")
-    assert binding.spectral_radius is ndtorch.binding.theory.spectral_radius
 
 
 def test_numpy_that_was_converted_will_do() -> None:

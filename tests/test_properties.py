@@ -110,7 +110,6 @@ PARTS: dict[str, Part] = {
     "Controller": steered("published"),
 }
 """Every public module. `Controller` is abstract: the published one stands for it; all are tried in the long form."""
-ABSTRACT = {"BindingModel": "PublishedModel", "Controller": "Controller"}
 
 
 def test_no_public_module_is_left_out() -> None:

@@ -125,12 +125,3 @@ def test_any_rule_goes_with_any_feedback(rule: str, feedback: str, shared: bool)
     assert state.weights[1, 0] > 0.1
     assert state.weights[1, 0] > 2 * state.weights[2].abs().max()
     assert float(spectral_radius(state.weights.abs())) <= 0.9501
-
-
-def exported_inputs(steps: int) -> torch.Tensor:
-    """Smooth signals `[T, 10]` whose features go together in twos."""
-    mixing = torch.rand(2, 10, generator=torch.Generator().manual_seed(3))
-    return sources(steps).float() @ mixing
-
-
-# tests/test_export.py exports one with delays, in its model.

@@ -14,12 +14,9 @@ from numpy.testing import assert_allclose
 from ndtorch.binding import BindingInputs, InhibitoryNetwork, LearningRule, learning_rule
 from ndtorch.binding.normalise import ORDERS, Order, divide
 from ndtorch.binding.rules import RULES, ScaleFreeRule, cube, learning_onset
+from tests.strategies import noise
 
 EDGES = [(0, 4), (4, 7), (7, 10)]
-
-
-def noise(*shape: int, seed: int = 0) -> torch.Tensor:
-    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
 def reference(
@@ -103,17 +100,6 @@ def products(rule: LearningRule, fluctuation: torch.Tensor) -> torch.Tensor:
     """What one time step makes of every weight."""
     n = fluctuation.shape[-1]
     return rule.change(fluctuation.unsqueeze(-2), torch.zeros(n), torch.zeros(n, n))
-
-
-def test_competitive_puts_the_cube_on_the_inhibiting_neuron() -> None:
-    change = products(learning_rule("competitive"), X)
-    for n in range(3):
-        for k in range(3):
-            assert change[n, k].item() == pytest.approx(math.tanh(math.pi * float(X[n])) * float(X[k]) ** 3)
-
-
-def test_cooperative_is_the_competitive_rule_transposed() -> None:
-    assert torch.equal(products(learning_rule("cooperative"), X), products(learning_rule("competitive"), X).mT)
 
 
 @pytest.mark.parametrize("f", ["cube", "linear"])

@@ -51,15 +51,6 @@ def test_all_fixed_tensors_are_buffers(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_floats_of_0_to_255_are_refused(name: str) -> None:
-    model = ndtorch.load(name, size=32)
-    frames = 255 * torch.rand(4, 3, 32, 32, generator=torch.Generator().manual_seed(0))
-    with pytest.raises(InputError, match=r"frames of floats must lie in 0\.\.1, got .*divide by 255"):
-        model(frames)
-    model(frames.to(torch.uint8))
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_other_types_than_single_and_double_are_refused_through_every_door(name: str) -> None:
     model = ndtorch.load(name, size=32)
     around, half = nn.Sequential(model), torch.zeros(1).half()
@@ -171,12 +162,6 @@ def test_a_constant_scene_has_no_objects() -> None:
     assert model.verdict(state) == "static"
     assert model.objects(state) == []
     assert not model.table(state).owners.any()
-
-
-def test_white_noise_has_no_objects() -> None:
-    noise = torch.randn(1500, 10, generator=torch.Generator().manual_seed(0))
-    model = ndtorch.load("scale-free", size=(12, 14))
-    assert model.objects(model.from_sums(100 + noise)[1]) == []
 
 
 SIZE = (64, 64)

@@ -13,6 +13,7 @@ from ndtorch.binding import Attention, BoundObject, ObjectTable, bound_objects, 
 from ndtorch.binding.attention import attention_mask, feature_weights
 from ndtorch.binding.objects import simplified
 from ndtorch.vision import GROUPS
+from tests.strategies import noise
 
 
 def two_objects() -> torch.Tensor:
@@ -95,10 +96,6 @@ def test_the_direction_is_the_main_one_of_the_heading_whatever_its_size(
 ) -> None:
     assert BoundObject("red", 7, {"left": 1.0}, heading=heading).direction == direction
     assert BoundObject("red", 7, {"left": 1.0}).direction == "left"
-
-
-def noise(*shape: int, seed: int = 0) -> torch.Tensor:
-    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
 def weights() -> torch.Tensor:

@@ -67,10 +67,6 @@ def test_gradients_of_images_and_sums(border: Border) -> None:
     assert torch.autograd.gradcheck(sums, (frames[:, 0],))
 
 
-def video(*shape, dtype=torch.float32, seed=0):
-    return torch.rand(*shape, dtype=dtype, generator=torch.Generator().manual_seed(seed))
-
-
 def by_hand(x, high=0.005, dt=1 / 30):
     """The high-pass as a scalar recursion in Python, pixel by pixel."""
     share, out = dt / (high + dt), []
@@ -82,7 +78,7 @@ def by_hand(x, high=0.005, dt=1 / 30):
 
 
 def test_values():
-    x = video(6, 1, 1, 8, dtype=torch.float64)
+    x = noise(6, 1, 1, 8)
     high = by_hand(x[:, 0, 0].tolist())
     nd_min, nd_minus, nds = (s(x)[0][:, 0, 0].tolist() for s in (NDMin(), NDMinus(), NDS()))
     for t in range(6):
@@ -97,7 +93,7 @@ def test_values():
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0, 1))
 def test_static_scene_is_zero(seed, tau):
-    x = video(1, 1, 3, 8, seed=seed).expand(5, 1, 3, 8)
+    x = noise(1, 1, 3, 8, seed=seed).expand(5, 1, 3, 8)
     for sensor in (NDMin(tau), NDMinus(tau), NDS(tau, tau)):
         assert sensor(x)[0].abs().max() == 0
 
@@ -105,7 +101,7 @@ def test_static_scene_is_zero(seed, tau):
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000))
 def test_nd_minus_ignores_uniform_flicker(seed):
-    x = video(6, 1, 1, 1, seed=seed).expand(6, 1, 3, 8)
+    x = noise(6, 1, 1, 1, seed=seed).expand(6, 1, 3, 8)
     assert NDMinus()(x)[0].abs().max() == 0
     assert NDMin()(x)[0].abs().max() > 0
 

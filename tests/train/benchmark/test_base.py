@@ -115,11 +115,6 @@ def test_a_model_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (tmp_path / "mine" / "weights.safetensors").stat().st_mtime_ns > before
 
 
-def test_the_models_of_the_package_stay(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["first-stage", "--out", str(Path(__file__).parents[3] / "models/published")]) == 2
-    assert "--force" in capsys.readouterr().err
-
-
 def test_superposed_sums_are_those_of_the_rendered_scene(bars: Stimuli) -> None:
     """At a phase and offset that were never filmed; after the filters have settled."""
     want = rendered_sums(three_bars(3.6, phase=77.0, blue_offset=33.0))[300:]

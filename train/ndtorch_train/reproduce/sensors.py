@@ -30,15 +30,14 @@ def moving_rows(
     return grating(20.0, rate, contrast=0.5, profile="square", phase=shift, **screen)
 
 
-def flickering_rows(frequency: float = 14.9, uniform: bool = False, length: int = 201, width: int = 640) -> Pattern:
-    """That grating at rest, or a uniform row, times a sinusoid from 0 to 1, `[T, 1, 1, width]`. [A Methods]"""
-    still = moving_rows([0.0], length=1, width=width).light
+def flickering_rows() -> Pattern:
+    """That grating at rest times a sinusoid of 14.9 Hz from 0 to 1, `[T, 1, 1, 640]`. [A Methods]"""
+    still = moving_rows([0.0], length=1).light
 
     def light(x: Tensor, y: Tensor, t: Tensor) -> Tensor:
-        pattern = torch.tensor(0.75) if uniform else still(x, y, t)[0, 0]
-        return (0.5 + 0.5 * torch.sin(2 * math.pi * frequency * t)) * pattern
+        return (0.5 + 0.5 * torch.sin(2 * math.pi * 14.9 * t)) * still(x, y, t)[0, 0]
 
-    return Pattern("flickering-grating", light, seconds=length / 30, fps=30.0, size=(1, width), channels=1)
+    return Pattern("flickering-grating", light, seconds=200 / 30, fps=30.0, size=(1, 640), channels=1)
 
 
 def magnitudes(sensor: nn.Module, speeds: list[float], count: int, settle: int, width: int = 640) -> Tensor:
@@ -62,11 +61,11 @@ def characterisation(context: Context, step: float = 0.25) -> Outcome:
     found = {name: SPEED_SCALE * magnitudes(sensor, speeds, 8, 10) for name, sensor in sensors.items()}
     found["Chahl-Srinivasan"] = shifts(moving_rows(speeds, [k / 8 + 0.03 for k in range(8)])).mean(-1)
     flicker = {
-        name: SPEED_SCALE * float(speed_response(sensor, flickering_rows(length=200).chunks(), 10)[0])
+        name: SPEED_SCALE * float(speed_response(sensor, flickering_rows().chunks(), 10)[0])
         for name, sensor in sensors.items()
     }
     least = min(flicker, key=lambda name: flicker[name])
-    flicker["Chahl-Srinivasan"] = float(shifts(flickering_rows(length=200)))
+    flicker["Chahl-Srinivasan"] = float(shifts(flickering_rows()))
     beyond = SPEED_SCALE * magnitudes(NDMin(), [2.0, 2.5, 3.0], 8, 10)
 
     figure, axes = panels("ab;cd", 11, 8, sharex=True)
