@@ -15,7 +15,7 @@ import torch
 from gymnasium import spaces
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Strips, cut_strips
+from ndtorch.navigation import Strips
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.safety import SafeDrive
@@ -80,7 +80,6 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
 
     simulation: Simulation
     safe: SafeDrive
-    frames: StereoFrames
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012
 
     def __init__(
@@ -124,36 +123,33 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             self.simulation = Simulation(
                 load_arena(self.arena, building),
                 building,
-                full_frames=not self.strips or self.render_mode is not None,
+                full_frames=not self.strips,
                 fields=self.fields,
                 disturbances=self.disturbances,
             )
         self.simulation.begin(drawn)
         self.safe = SafeDrive(self.simulation, self.simulation)
-        self.frames, self.entered = self.simulation.read(), {}
-        return self.observation(self.frames), self.info()
+        self.entered = {}
+        return self.observation(self.simulation.read()), self.info()
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         simulation, hits = self.simulation, len(self.simulation.collisions)
         self.safe.send(DriveCommand(*map(float, action)))
         simulation.wait_until(simulation.now() + 1 / simulation.rate)
-        self.frames = simulation.read()
+        frames = simulation.read()
         hit = len(simulation.collisions) > hits
         # The car's own length, not what its odometer says of it; new ground was first entered a moment ago.
         (x, y, _), now, length = simulation.pose, simulation.now(), simulation.car.length
         entered = self.entered.setdefault((math.floor(x / CELL), math.floor(y / CELL)), now)
         reward = (length if length < 0 or now - entered <= PASS else 0.0) - CONTACT * hit
-        return self.observation(self.frames), reward, hit, False, self.info()
+        return self.observation(frames), reward, hit, False, self.info()
 
     def observation(self, frames: StereoFrames) -> Observation:
         if not self.strips:
             return {"left": pixels(frames.left), "right": pixels(frames.right)}
-        cut = [
-            frame if isinstance(frame, Strips) else cut_strips(frame, field, RIG)
-            for frame, field in zip(frames[:2], self.fields, strict=True)
-        ]
-        rows = np.concatenate([pixels(strips.row).ravel() for strips in cut]) / np.float32(255)
-        return {"fields": np.concatenate([pixels(strips.field) for strips in cut]), "rows": rows}
+        eyes: Any = frames[:2]
+        rows = np.concatenate([pixels(strips.row).ravel() for strips in eyes]) / np.float32(255)
+        return {"fields": np.concatenate([pixels(strips.field) for strips in eyes]), "rows": rows}
 
     def info(self) -> dict[str, Any]:
         simulation = self.simulation
@@ -165,10 +161,9 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         }
 
     def render(self) -> Any:
-        """The left camera's frame `[480, 640, 3]`, uint8; None where no `render_mode` was asked for."""
-        if self.render_mode is None:
-            return None
-        return np.ascontiguousarray(pixels(self.frames.left).transpose(1, 2, 0))
+        """What the left camera sees, `[480, 640, 3]` uint8; None where no `render_mode` was asked for."""
+        cameras, pose = self.simulation.cameras, self.simulation.pose
+        return None if self.render_mode is None else cameras.frame(cameras.view(*pose, 0)).transpose(1, 2, 0)
 
 
 def pixels(frames: Any) -> Pixels:

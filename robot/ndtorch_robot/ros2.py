@@ -100,8 +100,16 @@ class Ros2Bridge(StepThread):
 
 @cache
 def wire_type(kind: str) -> Any:
-    """A message type for DDS, which is announced with all its fields, while samples are bytes that stay as they are."""
-    described = idl_type(kind)
+    """The IDL type of Cyclone DDS for a message type, of the definitions of `rosbags`.
+
+    It is announced with all its fields, while samples are bytes that stay as they are.
+    """
+    from cyclonedds.idl import make_idl_struct
+
+    ros.load_types(kind)
+    package, middle, name = kind.split("/")
+    fields = {field: idl_field(*how) for field, how in ros.typestore().fielddefs[kind][1]}
+    described: Any = make_idl_struct(f"{name}_", f"{package}.{middle}.dds_.{name}_", fields)
 
     def of(cdr: bytes) -> Any:
         sample = object.__new__(described)
@@ -113,21 +121,10 @@ def wire_type(kind: str) -> Any:
     return described
 
 
-@cache
-def idl_type(kind: str) -> Any:
-    """The IDL type of Cyclone DDS for a message type, of the definitions of `rosbags`."""
-    from cyclonedds.idl import make_idl_struct
-
-    ros.load_types(kind)
-    package, middle, name = kind.split("/")
-    fields = {field: idl_field(*described) for field, described in ros.typestore().fielddefs[kind][1]}
-    return make_idl_struct(f"{name}_", f"{package}.{middle}.dds_.{name}_", fields)
-
-
 def idl_field(node: Any, value: Any) -> Any:
     types = need("cyclonedds.idl.types", "a bridge to ROS 2")
     if node == Nodetype.NAME:
-        return idl_type(value)
+        return wire_type(value)
     if node == Nodetype.ARRAY:
         return types.array[idl_field(*value[0]), value[1]]
     if node == Nodetype.SEQUENCE:

@@ -73,24 +73,18 @@ def open_stream(name: str, file: Path | None = None, viewer: str = "", plan: Pla
             file.touch()
             sinks.append(rr.FileSink(str(file)))
         if viewer:
-            sinks.append(rr.GrpcSink(viewer_address(viewer)))
+            host, _, given = viewer.partition(":")
+            port = int(given or PORT) if (given or "0").isdigit() else 0
+            if not host or not 0 < port < 65536:
+                raise InputError(f"--view must be ADDRESS or ADDRESS:PORT, as 127.0.0.1:{PORT}, got {viewer!r}")
+            socket.create_connection((host, port), timeout=5.0).close()
+            sinks.append(rr.GrpcSink(f"rerun+http://{host}:{port}/proxy"))
         stream.set_sinks(*sinks, default_blueprint=layout(plan))
     except (OSError, RuntimeError) as error:
-        raise InputError(f"cannot write the recording {file}: {error}") from None
+        to = " and ".join(filter(None, (str(file or ""), viewer)))
+        hint = "; `rerun` starts a viewer" if viewer else ""
+        raise InputError(f"cannot write the recording to {to}: {error}{hint}") from None
     return stream
-
-
-def viewer_address(viewer: str) -> str:
-    """The address of a running viewer; `InputError` where there is none."""
-    host, _, given = viewer.partition(":")
-    port = int(given or PORT) if (given or "0").isdigit() else 0
-    if not host or not 0 < port < 65536:
-        raise InputError(f"--view must be ADDRESS or ADDRESS:PORT, as 127.0.0.1:{PORT}, got {viewer!r}")
-    try:
-        socket.create_connection((host, port), timeout=5.0).close()
-    except OSError as error:
-        raise InputError(f"--view {viewer}: no viewer answers there ({error}): start `rerun` first") from None
-    return f"rerun+http://{host}:{port}/proxy"
 
 
 class View(StepThread):

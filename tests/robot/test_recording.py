@@ -240,7 +240,7 @@ def test_the_loop_of_a_car_replays_bit_for_bit(tmp_path):
     """It is stopped in between and resumed, and its frames are not usable for two steps."""
     given = list(moving_world(90, WORLD_RIG))
     given[60] = given[61] = given[0]._replace(left=torch.zeros(1, 3, 4, 4, dtype=torch.uint8))
-    loop = bare_loop(FilmCar(given), WORLD_RIG, controller="published", map_half_size_m=5.0)
+    loop = bare_loop(FilmCar(given), WORLD_RIG, controller="published", half=5.0)
     path = tmp_path / "r.mcap"
     with Recorder(path, loop.runner, when_full="wait") as recorder:
         loop.observers.append(recorder)

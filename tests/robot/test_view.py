@@ -62,7 +62,7 @@ def check_contents(path, count):
 
 def test_a_run_and_its_replay(tmp_path, capsys):
     path, again = tmp_path / "new" / "run.rrd", tmp_path / "replay.rrd"
-    loop = film_loop(90, map_half_size_m=5.0)
+    loop = film_loop(90, half=5.0)
     shown = View(open_stream("run", path), loop.runner, wait=True)
     loop.safe.report = shown.report
     with Recorder(tmp_path / "r.mcap", loop.runner, when_full="wait") as recorder:
@@ -116,5 +116,5 @@ def test_a_viewer_that_runs_is_found(monkeypatch):
         port = door.getsockname()[1]
         open_stream("live", viewer=f"127.0.0.1:{port}")
     assert len(sinks) == 1
-    with pytest.raises(InputError, match="no viewer answers there"):
+    with pytest.raises(InputError, match="`rerun` starts a viewer"):
         open_stream("live", viewer=f"127.0.0.1:{port}")

@@ -15,7 +15,6 @@ from ndtorch_robot.config import DriveConfig
 
 if TYPE_CHECKING:
     from ndtorch_robot.drive import DriveResult
-    from ndtorch_robot.ports import Step
 
 CAPTIONS = {
     "path": "The true path over the true plan, with turns, reversing, collisions and stops.",
@@ -54,11 +53,7 @@ class DriveArena(DriveConfig):
         total, words = round(self.seconds * self.robot_config.rate_hz), f"{self.arena} seed {self.seed}"
         try:
             with progress_bar(total, self.json, desc=words, unit=" frames", leave=False) as bar:
-
-                def progress(step: Step) -> None:
-                    bar.update()
-
-                result = drive(self.single(), [progress])
+                result = drive(self.single(), [lambda step: bar.update()])
             write_results(result, folder.work)
         except BaseException:
             folder.discard()

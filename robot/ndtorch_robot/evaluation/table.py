@@ -50,13 +50,11 @@ def table_of(summaries: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 def text_cells(table: pd.DataFrame) -> list[list[str]]:
     """The rows of the table as text."""
-
-    def cell(name: str, value: Any) -> str:
-        if name in WORDS or pd.isna(value):
-            return str(value) if name in WORDS and value else "-"
-        return FORMS.get(name, "{:.0f}" if name.endswith("%") else "{:.1f}").format(value)
-
-    return [[cell(*pair) for pair in row.items()] for row in table.to_dict("records")]
+    text = table.astype(object)
+    for name in set(table) - set(WORDS):
+        form = FORMS.get(name, "{:.0f}" if name.endswith("%") else "{:.1f}")
+        text[name] = table[name].map(form.format, na_action="ignore")
+    return [[str(value) for value in row] for row in text.fillna("-").replace("", "-").to_numpy()]
 
 
 def markdown(table: pd.DataFrame, note: str) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from ndtorch.navigation import Pose, StereoRig
+from ndtorch.navigation import Grid, Pose, StereoRig
 from ndtorch.navigation.controllers.ranging._kernels import mark_scan
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
@@ -62,10 +62,10 @@ class FilmCar(Drive):
         return True
 
 
-def bare_loop(car, rig, observers=None, **navigation):
-    """A loop that drives off at once."""
-    limits = RunConfig().safety_limits
-    runner = NavigatorRunner(NavigatorOptions(**navigation), rig, 30.0, None, near_check=False)
+def bare_loop(car, rig, observers=None, half=0.0, **navigation):
+    """A loop that drives off at once, with a map that reaches so far to all sides."""
+    limits, grid = RunConfig().safety_limits, Grid(-half, half, -half, half) if half else None
+    runner = NavigatorRunner(NavigatorOptions(**navigation), rig, 30.0, grid, near_check=False)
     safe = SafeDrive(car, car, limits, CameraMonitor(rig, 30.0, limits.frame_age_s))
     return Car(runner, car, safe, observers=observers or [], go=True)
 
