@@ -103,8 +103,6 @@ def train_first_stage(
     check_number("radius", radius, above=0)
     if radius >= 1:
         raise InputError(f"radius must lie between 0 and 1, got {radius}")
-    check_number("dt", dt, above=0, unit="seconds")
-    check_number("settle", settle, least=0, unit="seconds")
     features = VisualFeatures(size, dt, exact=True)
     inputs = BindingInputs(dt)
     networks = [

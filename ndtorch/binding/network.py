@@ -320,7 +320,11 @@ class InhibitoryNetwork(FullPrecision):
         out, after, shifts = self._delayed(drive, state) if delayed else self._settled(drive, state)
         power, roughness, changes = state.power, state.roughness, state.changes
         if delayed:  # settled networks cannot alternate
-            power, roughness = self._diagnose(out, state)
+            own = out.detach()
+            before = torch.cat([state.outputs.detach().unsqueeze(time), own.narrow(time, 0, own.shape[time] - 1)], time)
+            squares, mean = torch.cat([own, own - before], -1).square(), torch.cat([power, roughness], -1)
+            _, mean = low_pass(squares, mean, self.tau_rough, self.dt, time, blocks=False)
+            power, roughness = mean[..., : self.neurons], mean[..., self.neurons :]
         for shift, known in shifts if torch.compiler.is_compiling() else ():
             later = torch.cat([changes[..., 1:], shift.unsqueeze(-1)], -1)
             changes = later if known is None else torch.where(known, later, changes)
@@ -491,13 +495,3 @@ class InhibitoryNetwork(FullPrecision):
             weights, outputs, state.input_low, low, state.recent, fluctuation, clock, stopped, mean, *state[9:]
         )
         return end, shift
-
-    def _diagnose(self, out: Tensor, state: NetworkState) -> tuple[Tensor, Tensor]:
-        """Running means of squared outputs and of squared differences of successive outputs."""
-        out, time = out.detach(), self.time
-        before = torch.cat([state.outputs.detach().unsqueeze(time), out.narrow(time, 0, out.shape[time] - 1)], time)
-        mean = torch.cat([state.power, state.roughness], -1)
-        _, mean = low_pass(
-            torch.cat([out, out - before], -1).square(), mean, self.tau_rough, self.dt, time, blocks=False
-        )
-        return mean[..., : self.neurons], mean[..., self.neurons :]

@@ -246,13 +246,12 @@ class SpeedCurve(NamedTuple):
     linearity: Tensor
 
 
-def judge_speed_curve(speeds: Tensor, responses: Tensor, noise: float = 1e-6) -> SpeedCurve:
+def judge_speed_curve(speeds: Tensor, responses: Tensor) -> SpeedCurve:
     """Measures for choosing time constants: range of monotonic increase first, then absence of saturation.
 
     Args:
         speeds: `[S]`, increasing from above 0.
-        responses: `[..., S]`.
-        noise: an increase must be larger than this to count.
+        responses: `[..., S]`; an increase must be larger than 1e-6 to count.
 
     Raises:
         InputError: speeds that do not increase from above 0.
@@ -261,7 +260,7 @@ def judge_speed_curve(speeds: Tensor, responses: Tensor, noise: float = 1e-6) ->
         raise InputError("speeds must increase from above 0")
     origin = torch.zeros_like(responses[..., :1])
     curve = torch.cat([origin, responses], -1)
-    steps = (curve.diff(dim=-1) > noise).cumprod(-1).sum(-1)  # rises before the first one that fails
+    steps = (curve.diff(dim=-1) > 1e-6).cumprod(-1).sum(-1)  # rises before the first one that fails
     reached = torch.cat([speeds.new_zeros(1), speeds])[steps]
     top = curve.gather(-1, steps.unsqueeze(-1)).squeeze(-1)
     answers = steps > 0

@@ -67,12 +67,12 @@ def weight_panel(axes: Axes, time: Tensor, weights: Tensor, column: int, title: 
     axes.set(title=title, xlabel="time since learning began (s)", ylabel="weight")
 
 
-def feature_legend(figure: Figure, columns: int = 10) -> None:
+def feature_legend(figure: Figure) -> None:
     """All ten lines below the panels."""
     from matplotlib.lines import Line2D
 
     lines = [Line2D([], [], color=s.color, linestyle=s.dashes, lw=1.8, label=name) for name, s in STYLES.items()]
-    figure.legend(handles=lines, loc="outside lower center", ncols=columns, fontsize=8.5, frameon=False, handlelength=3)
+    figure.legend(handles=lines, loc="outside lower center", ncols=10, fontsize=8.5, frameon=False, handlelength=3)
 
 
 def bare(axes: Axes, image: Any, title: str = "") -> None:

@@ -9,7 +9,7 @@ filters of bars that pass each other overlap, and |a + b| is not |a| + |b|. Bars
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -55,15 +55,13 @@ class LoneBar(NamedTuple):
         return torch.lerp(self.sums[left], self.sums[left + 1], share)
 
 
-def rendered_sums(scene: FrameSource, report: Callable[[float], None] | None = None) -> Tensor:
-    """The ten sums of every frame of a scene, `[T, 10]`; `report` gets the ratio that is done."""
+def rendered_sums(scene: FrameSource) -> Tensor:
+    """The ten sums of every frame of a scene, `[T, 10]`."""
     features, state, sums = VisualFeatures(scene.size, 1 / scene.fps), None, list[Tensor]()
     with torch.inference_mode():
-        for n, frames in enumerate(scene.chunks(8)):
+        for frames in scene.chunks(8):
             out, state = features(frames, state)
             sums.append(out)
-            if report is not None and n % 20 == 0:
-                report(8 * n / (scene.length or 1))
     return torch.cat(sums)
 
 

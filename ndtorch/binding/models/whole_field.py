@@ -293,8 +293,6 @@ class PublishedModel(WholeFieldModel):
     Args:
         config: constants.
         first_stage: weights of the three first-stage networks, trained (`FirstStage`) or `[10, 10]`; None for none.
-        rule: a learning rule of your own, in place of the config's.
-        gamma: learning rates `[...]` in place of the config's, one for every trial of a batch.
     """
 
     name = "published"
@@ -303,33 +301,25 @@ class PublishedModel(WholeFieldModel):
     config_type = PublishedConfig
     config: PublishedConfig
 
-    def __init__(
-        self,
-        config: PublishedConfig | None = None,
-        first_stage: FirstStage | Tensor | None = None,
-        rule: Rule | None = None,
-        gamma: Tensor | None = None,
-    ) -> None:
+    def __init__(self, config: PublishedConfig | None = None, first_stage: FirstStage | Tensor | None = None) -> None:
         c = config or PublishedConfig()
         super().__init__(c, first_stage, c.network.dt)
         # The inputs come high-passed. The three networks are one with weights inside the groups only.
         self.first = InhibitoryNetwork(
             10, self.dt, None, tau_in=float("inf"), initial=self.first_weights, delay=c.network.delay
         )
-        self.second = second_stage(c, gamma)
-        self._given_rule, self._given_gamma = "", gamma is not None
-        if rule is not None:
-            self.use_rule(rule)
+        self.second, self._given_rule = second_stage(c), ""
 
     def use_rule(self, rule: Rule) -> None:
-        """Learn by a rule of your own, in place of the config's."""
+        """Learn by a rule of your own, in place of the config's; its gamma may be `[...]`, one for every trial of a
+        batch."""
         self.second.rule, self._given_rule = rule, rule.name
 
     def save(self, path: str | Path, overwrite: bool = False) -> None:
         """As in the contract.
 
         Raises:
-            InputError: also for a rule that was given as an object, or rates of every trial: the config has neither.
+            InputError: also for a rule that was given as an object, which the config does not have.
         """
         if self._given_rule:  # never a name that is taken
             name = "mine" if self._given_rule in RULES else self._given_rule
@@ -337,8 +327,6 @@ class PublishedModel(WholeFieldModel):
                 f"the rule {self._given_rule!r} was given as an object, which no config.toml can name: register its "
                 f"maker, ndtorch.binding.rules.RULES[{name!r}] = lambda f, g, **constants: ..., and say rule = {name!r}"
             )
-        if self._given_gamma:
-            raise InputError("gamma was given for every trial, which no config.toml can hold: set it in the config")
         super().save(path, overwrite)
 
     def refine(self, inputs: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:

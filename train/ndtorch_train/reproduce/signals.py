@@ -19,7 +19,7 @@ from ndtorch_train.reproduce.experiment import Context
 from ndtorch_train.superposed import LoneBar, Stimuli, film_bars, rendered_sums
 
 PAIR = ["red", "green"]
-N_RED, N_GREEN, N_BLUE = (FEATURES.index(name) for name in ("red", "green", "blue"))
+N_RED, N_GREEN = FEATURES.index("red"), FEATURES.index("green")
 
 
 def rendered(context: Context, name: str, **options: Any) -> Tensor:
@@ -103,14 +103,12 @@ def owners(weights: Tensor, threshold: float | None = None) -> list[str]:
     return [FEATURES[k] for k in table.owners.nonzero().flatten().tolist()]
 
 
-def draw_runs(
-    context: Context, runs: dict[str, LearningRun], name: str, title: str, caption: str, until: float = 10.0
-) -> None:
-    """A row for each run: its outputs, those of owners bold, until some second; and its simplified weights."""
+def draw_runs(context: Context, runs: dict[str, LearningRun], name: str, title: str, caption: str) -> None:
+    """A row for each run: its outputs, those of owners bold, for ten seconds; and its simplified weights."""
     rows = [[f"{k}", f"{k} weights"] for k in range(len(runs))]
     figure, axes = panels(rows, 13, 4.7 * len(runs), width_ratios=[1.5, 1])
     for k, (words, run) in enumerate(runs.items()):
-        output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {words}", owners(run.final), until)
+        output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {words}", owners(run.final), 10.0)
         matrix_panel(axes[2 * k + 1], run.final, f"weights, {words}", simplified=True)
     feature_legend(figure)
     context.draw(name, figure, title, caption)
