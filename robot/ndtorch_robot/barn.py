@@ -22,7 +22,6 @@ from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.plan import Plan, Point, cylinder, ring
-from ndtorch_robot.sim.simulation import Simulation
 
 AROUND, OPTIMAL_SPEED = 1.2, 2.0
 """Metres around cylinders and goal to the walls of the hall; m/s by which the shortest path is the optimal time."""
@@ -89,7 +88,7 @@ def attempt(job: tuple[BarnFile, RobotOptions]) -> dict[str, Any]:
     rig, body, rate = robot.stereo_rig, robot.body, robot.rate_hz
     limits = replace(robot.simulated_limits, speed_m_per_s=body.max_speed_m_per_s)
     runner = NavigatorRunner(options, rig, rate, body=body)
-    simulation = Simulation(file.plan(world), options.seed, rig=rig, fields=runner.fields, rate=rate, body=body)
+    simulation = robot.simulate(file.plan(world), options.seed, fields=runner.fields)
     monitor = CameraMonitor(rig, rate, limits.frame_age_s, rendered=True)
     car = Car(runner, simulation, SafeDrive(simulation, simulation, limits, monitor))
 

@@ -68,18 +68,9 @@ def drive(
     rig, rate, body, limits = robot.stereo_rig, robot.rate_hz, robot.body, robot.simulated_limits
     check_goal(config, plan)
     runner = NavigatorRunner(config, rig, rate, plan.grid(), body=body)
-    disturbances = config.disturbance_values
-    simulation = Simulation(
-        plan,
-        config.seed,
-        odometry=config.odometry,
-        full_frames=bool(config.view) or config.rrd is not None,
-        fields=runner.fields,
-        disturbances=disturbances,
-        rate=rate,
-        rig=rig,
-        body=body,
-    )
+    disturbances, whole = config.disturbance_values, bool(config.view) or config.rrd is not None
+    how = {"odometry": config.odometry, "fields": runner.fields, "disturbances": disturbances, "full_frames": whole}
+    simulation = robot.simulate(plan, config.seed, **how)
     monitor = CameraMonitor(rig, rate, limits.frame_age_s, DRAWN, rendered=True)
     safe = SafeDrive(simulation, simulation, limits, monitor)
     car = Car(runner, simulation, safe, steer=steer, max_steps=max(1, round(config.seconds * rate)))

@@ -51,21 +51,13 @@ def open_drive(config: RunConfig, report: Report) -> Iterator[tuple[Drive, Clock
     if config.simulation is not None:
         from ndtorch_robot.sim.arenas import load_arena
         from ndtorch_robot.sim.disturbances import read_disturbances
-        from ndtorch_robot.sim.simulation import Simulation
 
-        world, rig, body = config.simulation, config.stereo_rig, config.body
+        world, fields = config.simulation, config.navigation.fields(config.stereo_rig, config.body)
         disturbances = read_disturbances(world.disturbance)
         if disturbances.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
             raise InputError(f"disturbance: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")
-        simulation = Simulation(
-            load_arena(world.arena, world.seed),
-            world.seed,
-            rig=rig,
-            fields=config.navigation.fields(rig, body),
-            disturbances=disturbances,
-            rate=config.rate_hz,
-            body=body,
-        )
+        plan = load_arena(world.arena, world.seed)
+        simulation = config.simulate(plan, world.seed, fields=fields, disturbances=disturbances)
     drive = open_link(config.link_table(), Opening(config.board_name, report, simulation))
     cameras, clock = drive.cameras_and_clock() or (None, MonotonicClock())
     try:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -18,6 +18,10 @@ from ndtorch.utils.toml import Strict, read_toml, refuse_unknown
 from ndtorch_robot.cameras.source import CameraSettings
 from ndtorch_robot.link import SERIAL, SIMULATED_BOARD, check_link
 from ndtorch_robot.safety import SafetyLimits
+
+if TYPE_CHECKING:
+    from ndtorch_robot.sim.plan import Plan
+    from ndtorch_robot.sim.simulation import Simulation
 
 Positive = Annotated[float, Field(gt=0)]
 Pixels = Annotated[int, Field(ge=16, le=8192)]
@@ -177,6 +181,12 @@ class RunConfig(Strict):
         """Without limits of how fast speed and steering may change: the simulated robot has its own."""
         limits, late = self.safety_limits, max(0.1, 1.5 / self.rate_hz)
         return SafetyLimits(limits.speed_m_per_s, limits.curvature_per_m, step_s=late, frame_age_s=late)
+
+    def simulate(self, plan: Plan, seed: int, **options: Any) -> Simulation:
+        """This robot in a simulated building, with further options of `Simulation`."""
+        from ndtorch_robot.sim.simulation import Simulation
+
+        return Simulation(plan, seed, rig=self.stereo_rig, rate=self.rate_hz, body=self.body, **options)
 
 
 def read_run_config(file: Path) -> RunConfig:

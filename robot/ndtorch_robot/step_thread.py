@@ -47,7 +47,6 @@ class StepThread(Closing):
         """Called at the end, unless it failed."""
 
     def put(self, item: Any) -> None:
-        """Give an item to the thread."""
         while not self.failed:
             try:
                 return self.queue.put(item, timeout=0.1) if self.when_full == "wait" else self.queue.put_nowait(item)

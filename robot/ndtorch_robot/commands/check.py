@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ndtorch.errors import InputError
+from ndtorch_robot.ports import Clock, Drive, DriveCommand
 
 if TYPE_CHECKING:
-    from ndtorch_robot.ports import Clock, Drive
     from ndtorch_robot.run_config import RunConfig
     from ndtorch_robot.safety import SafeDrive
 
@@ -141,8 +141,6 @@ class Check:
 
 
 def send(safe: SafeDrive, motion: tuple[float, float], seconds: float) -> None:
-    from ndtorch_robot.ports import DriveCommand
-
     end = safe.clock.now() + seconds
     while safe.clock.now() < end:
         safe.send(DriveCommand(*motion))

@@ -92,7 +92,6 @@ def key_of(options: RobotOptions) -> list[Any]:
 
 
 def drive_once(config: DriveConfig) -> Result:
-    """Summary of one drive."""
     from ndtorch_robot.drive import drive
 
     return drive(config).summary

@@ -49,7 +49,6 @@ def table_of(summaries: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 
 def text_cells(table: pd.DataFrame) -> list[list[str]]:
-    """The rows of the table as text."""
     text = table.astype(object)
     for name in set(table) - set(WORDS):
         form = FORMS.get(name, "{:.0f}" if name.endswith("%") else "{:.1f}")

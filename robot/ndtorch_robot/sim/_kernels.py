@@ -27,18 +27,15 @@ def rasterise(
     reach: tuple[float, float],
     out: Array,
 ) -> None:
-    """Draw parts of frames of textured or plain triangles with trilinear mipmaps.
+    """Draw parts of frames of textured or plain triangles with trilinear mipmaps, as far as `reach`, m, goes.
 
     Args:
-        corners: see `visible_triangles`, `[N, 3, 5]`.
+        corners, cameras: see `visible_triangles`, `[N, 3, 5]` and `[C, 4, 3]`.
         surface: `[N]` int32: number of the texture, or -1 less a color of 24 bits.
         texels: `[T]` uint32: red, green, blue from the lowest byte; each mipmap has a border of one texel.
         mipmaps: of each texture, `[P, L, 3]` int32: where it begins, its width and its height in texels.
-        cameras: `[C, 4, 3]` float64, see `visible_triangles`.
-        parts: `[n, 6]` int64: number of the camera; top, bottom, left and right in its frame; the first pixel in `out`.
-            Those of one camera follow each other.
-        reach: nearest and farthest that is drawn, m.
-        out: `[pixels, 3]` uint8; rows of a part follow each other.
+        parts: `[n, 6]` int64: number of the camera; top, bottom, left and right in its frame; the first pixel in `out`
+            `[pixels, 3]`. Those of one camera follow each other.
     """
     widest, many = (parts[:, 4] - parts[:, 3]).max(), corners.shape[0]
     triangle, number, some = np.empty((many, 6, 3)), np.empty(many, np.int64), np.empty(many, np.int64)
@@ -107,16 +104,12 @@ def add_bilinear(u: float, v: float, texels: Array, mipmap: Array, weight: float
 
 @jit
 def visible_triangles(corners: Array, camera: Array, near: float, out: Array, number: Array) -> int:
-    """Project the triangles that face a camera and lie at least partly ahead of it; returns their number.
+    """Project the triangles that face a camera and lie partly ahead of it, at `near`; returns how many, and `number`.
 
-    Args:
-        corners: `[N, 3, 5]` float64: x, y, z and texture coordinates; counter-clockwise as seen from the front.
-        camera: `[4, 3]`: its position, and the factors of a point's offset from it that give column times depth,
-            row times depth, and depth.
-        near: smallest depth that is drawn.
-        out: `[N, 6, 3]`: factors of column, row and 1 of the three edges (positive inside), of 1 / depth, and of the
-            texture coordinates over depth.
-        number: `[N]`, their numbers.
+    `corners` `[N, 3, 5]` are x, y, z and texture coordinates, counter-clockwise from the front. `camera` `[4, 3]` is
+    its position, and the factors of an offset from it that give column times depth, row times depth, and depth. `out`
+    `[N, 6, 3]` are factors of column, row and 1 of the three edges (positive inside), of 1 / depth, and of the texture
+    coordinates over depth.
     """
     visible = 0
     for n in range(corners.shape[0]):
@@ -162,10 +155,8 @@ def bounds(
 ) -> bool:
     """Whether a triangle may be visible in a rectangle of the frame (top, bottom, left, right), and where.
 
-    Args:
-        reach: nearest and farthest that is drawn.
-        rows: the first row, and the one after the last, `[2]`.
-        ends: five bounds from the left and five from the right, each a factor of the row and a column: `[2, 5, 2]`.
+    `rows` are the first one and the one after the last, and `ends` `[2, 5, 2]` five bounds from the left and five from
+    the right, each a factor of the row and a column.
     """
     (top, bottom, left, right), (near, far) = rect, reach
     first, last = float(top), float(bottom - 1)
@@ -207,11 +198,8 @@ def span(ends: Array, row: int) -> tuple[int, int]:
 
 @jit
 def rectangle_touches(x: float, y: float, heading: float, half: Array, segments: Array, circles: Array) -> bool:
-    """Whether a rectangle touches segments `[S, 2, 2]` or circles `[C, 3]` (x, y, radius), by separating axes.
-
-    Args:
-        x, y, heading: pose of its middle, m and radians.
-        half: half its length and width, m, `[2]`.
+    """Whether a rectangle with these half sides `[2]` about a pose, m and radians, touches segments `[S, 2, 2]` or
+    circles `[C, 3]` (x, y, radius), by separating axes.
     """
     cos, sin, long, wide = math.cos(heading), math.sin(heading), half[0], half[1]
     for k in range(segments.shape[0]):

@@ -101,9 +101,9 @@ def next_loop(edges: dict[Node, list[Node]], start: Node) -> list[Node]:
 
 def labelled(points: list[Point], boxes: list[Box]) -> Ring:
     """A ring with the kinds of its walls, and without corners in the middle of straight walls of one kind."""
-    after = points[1:] + points[:1]
-    kinds, kept = [surface_kind(a, b, boxes) for a, b in zip(points, after, strict=True)], []
-    for k, ((x, y), (bx, by)) in enumerate(zip(points, after, strict=True)):
+    lines, kept = list(zip(points, points[1:] + points[:1], strict=True)), []
+    kinds = [surface_kind(a, b, boxes) for a, b in lines]
+    for k, ((x, y), (bx, by)) in enumerate(lines):
         ax, ay = points[k - 1]
         if kinds[k] != kinds[k - 1] or abs((x - ax) * (by - y) - (y - ay) * (bx - x)) >= 1e-9:
             kept.append(k)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import folder_of
-from ndtorch_robot.link.board import BoardSettings, Pulse
+from ndtorch_robot.link.board import NAMES, BoardSettings, Pulse
 from ndtorch_robot.ports import DriveCommand
 
 FIRMWARE = folder_of("ndtorch_robot", "firmware")
@@ -76,7 +76,7 @@ class Electronics:
 
     def __init__(self) -> None:
         self.settings = BoardSettings()
-        self.widths = {"motor": 1500.0, "front": 1500.0, "rear": 1500.0}
+        self.widths = dict.fromkeys(NAMES, 1500.0)
         self.braked = self.reverse = False
         self.time = 0.0
 
