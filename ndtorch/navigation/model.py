@@ -47,6 +47,7 @@ class NavigatorState(NamedTuple):
         difference: what the controller weighed then, `[...]`.
         ranges: of the last frame, `[..., n]`.
         map, observations, tracks, located: states of those parts, None where the navigator has none.
+        seen: what a compiled controller steered by at the last frame, an array; else None.
     """
 
     fields: Any
@@ -61,6 +62,7 @@ class NavigatorState(NamedTuple):
     observations: Observations | None
     tracks: FeatureTracks | None
     located: LocaliserState | None = None
+    seen: Any = None
 
     @property
     def place(self) -> Pose:
@@ -177,9 +179,11 @@ class Navigator(nn.Module):
         state: NavigatorState | None = None,
         driven: Command | None = None,
         start: Pose | None = None,
+        seen: Any = None,
     ) -> tuple[Command, Callable[[], NavigatorState]]:
         """The command, and what returns the state: map, localiser and checks for the next command take their time
-        after this one. Arguments, command and state are those of a call of the module.
+        after this one. Arguments, command and state are those of a call of the module; `seen`, of the state of one car
+        that saw this frame before, stands for the subfields.
         """
         if state is not None and not isinstance(state, NavigatorState):
             raise InputError(f"state must be a NavigatorState or None, got {type(state).__name__}")
@@ -197,7 +201,7 @@ class Navigator(nn.Module):
             if driven is not None:
                 speed, curvature = driven.speed[..., t], driven.curvature[..., t]
                 moved = Command(speed, curvature) if tensors else Command(float(speed), float(curvature))
-            command, complete = self.step(left, right, t, state, moved, start)
+            command, complete = self.step(left, right, t, state, moved, start, seen)
             commands.append(command)
             if t + 1 < shape[-1]:
                 state = complete()
@@ -215,10 +219,11 @@ class Navigator(nn.Module):
         state: NavigatorState | None,
         driven: Command | None,
         start: Pose | None,
+        seen: Any,
     ) -> tuple[Command, Callable[[], NavigatorState]]:
         """Frame number t of each camera: see, range, reckon, decide; and what is done once that is commanded."""
         controller: Controller = self._modules["controller"]  # type: ignore[assignment]
-        frames, rows, seen, sides, ranges, fields, filters = self.see(left, right, t, state)
+        frames, rows, seen, sides, ranges, fields, filters = self.see(left, right, t, state, seen)
         # Where the car is by dead reckoning; the controller works in units of its body
         begins = state is None or state.fields is None
         before = self.begin(seen, ranges, start) if state is None else state
@@ -250,12 +255,13 @@ class Navigator(nn.Module):
             if self.localiser is not None and not controller.has_goals:
                 at = self.locate(rows, pose, at)
             now = (fields, filters, after, command, pose, sides, after.difference, ranges)
-            complete = NavigatorState(*now, before.map, before.observations, before.tracks, at)
+            kept = seen if isinstance(seen, np.ndarray) else None
+            complete = NavigatorState(*now, before.map, before.observations, before.tracks, at, kept)
             return self.fill_map(complete) if self.grid_map or self.observations or self.tracker else complete
 
         return command, complete
 
-    def see(self, left: Strips, right: Strips, t: int, state: NavigatorState | None) -> tuple[Any, ...]:
+    def see(self, left: Strips, right: Strips, t: int, state: NavigatorState | None, seen: Any) -> tuple[Any, ...]:
         """Frame number t: subfields and rows of both cameras, what the controller steers by, image speeds
         on both sides, ranges, and the states of the filters of subfields and rows.
         """
@@ -265,7 +271,10 @@ class Navigator(nn.Module):
         if self.backend == "numba":
             frames = as_frames(left.field[t], right.field[t])
             rows = frames if left.row is left.field else as_frames(left.row[t], right.row[t])
-            seen, sides, fields = controller.see(frames, fields)
+            if seen is None:
+                seen, sides, fields = controller.see(frames, fields)
+            else:
+                sides, fields = seen[:2].reshape(2, -1).max(1), seen
             ranges, filters = ranging.step(rows, filters)
             return frames, rows, seen, sides, ranges, fields, filters
         pairs = [(one.narrow(-4, t, 1), other.narrow(-4, t, 1)) for one, other in zip(left, right, strict=True)]

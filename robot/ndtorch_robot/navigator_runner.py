@@ -101,7 +101,7 @@ class NavigatorRunner:
                 self.roll(driven)
             at = self.state.pose if self.state is not None else self.options.start_pose()
             at = at if placed is None else Pose(*map(float, placed))
-            command, rest = self.navigator.command_first(frames.left, frames.right, start=at)
+            command, rest = self.navigator.command_first(*frames[:2], start=at, seen=frames.seen)
 
             def with_map() -> NavigatorState:
                 state, localiser = rest(), self.navigator.localiser
@@ -119,7 +119,7 @@ class NavigatorRunner:
             # Where frames were lost, the step was longer than the navigator takes it for.
             longer = 1.0 if anew else min(max(1.0, float(round(since * self.rate))), LONGEST)
             moved = Command(torch.tensor([driven.speed * longer]), torch.tensor([driven.curvature]))
-            command, self.rest = self.navigator.command_first(frames.left, frames.right, before, moved)
+            command, self.rest = self.navigator.command_first(*frames[:2], before, moved, seen=frames.seen)
         return DriveCommand(float(command.speed[-1]), float(command.curvature[-1]))
 
     def complete(self) -> None:

@@ -39,12 +39,14 @@ STAND = DriveCommand(0.0, 0.0)
 class StereoFrames(NamedTuple):
     """What both cameras saw at one time, s on the clock of the loop.
 
-    Frames are `[1, C, H, W]` uint8 or float in 0..1, or the strips of them that navigation reads.
+    Frames are `[1, C, H, W]` uint8 or float in 0..1, or the strips of them that navigation reads. Of a recording,
+    `seen` is what the controller steered by, where the subfields were not kept.
     """
 
     left: Tensor | Strips
     right: Tensor | Strips
     time: float
+    seen: Any = None
 
 
 class FaultKind(Enum):

@@ -36,7 +36,10 @@ VERSION = "4"
 HEADER, END, STEP = "ndtorch", "ndtorch end", "/ndtorch/step"
 """Names of the metadata records at both ends of a recording, and topic of what replay needs beside the images."""
 
-TYPES = ("std_msgs/msg/String", "sensor_msgs/msg/Image", "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry")
+SEEN, ARRAY = "/ndtorch/seen", "std_msgs/msg/Float32MultiArray"
+"""Topic and type of what the controller made of both subfields."""
+
+TYPES = ("std_msgs/msg/String", ARRAY, "sensor_msgs/msg/Image", "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry")
 
 FLUSH_S = 0.5
 """Duration of a chunk, which is written and forced onto the disk at its end: a cut file loses no more."""
@@ -58,10 +61,10 @@ Waiting = tuple[Step, dict[str, Tensor], Ranges | None, Pose | None]
 class Recorder(StepThread):
     """An observer that records every step into a new file, in its own thread.
 
-    Of whole frames what the navigator reads is kept, lossless: the sums of red, green and blue of its strips, and while
-    the car moves only the columns of the field that its controller reads. It never waits, and never raises for the
-    disk: a step that finds the queue full is dropped and counted. When the disk fails, recording ends, `failed` says
-    why, and driving goes on.
+    Of whole frames what replay needs is kept: the sums of red, green and blue of the strips; while the car moves, in
+    place of large fields (of controllers with `checks_near`) what the controller steers by. It never waits, and never
+    raises for the disk: a step that finds the queue full is dropped and counted. When the disk fails, recording ends,
+    `failed` says why, and driving goes on.
 
     Args:
         path: a new file, `NAME.mcap`.
@@ -115,10 +118,12 @@ class Recorder(StepThread):
     def images(self, step: Step) -> dict[str, Tensor]:
         """What is kept of frames, by topic: the strips, or whole images of a size that no runner reads."""
         kept, runner = dict[str, Tensor](), self.runner
-        # Where the car stands or begins anew, all of the field is read to find out what is near.
+        large = runner is not None and not self.whole and runner.navigator.controller.checks_near
+        # Where the car stands or begins anew, the field is read to find out what is near.
         begins = step.number == 0 or step.restarted or step.placed is not None
-        moves = runner and not begins and abs(step.driven.speed) > STATIONARY
-        every = runner.navigator.controller.column_step if runner and moves else 1
+        near = step.used and (begins or abs(step.driven.speed) <= STATIONARY)
+        if large and step.state is not None and step.state.seen is not None:
+            kept[SEEN] = torch.from_numpy(step.state.seen)
         for k, image in enumerate(() if step.frames is None else step.frames[:2]):
             side = ("left", "right")[k]
             if (
@@ -132,8 +137,8 @@ class Recorder(StepThread):
                 if part.dtype != torch.uint8 or part.ndim != 4 or part.shape[:2] not in ((1, 1), (1, 3)):
                     kind = f"{part.dtype} {tuple(part.shape)}"
                     raise InputError(f"only single uint8 frames [1, C, H, W] with C = 1 or 3 are recorded, got {kind}")
-                if name == "field":
-                    part = part[..., ::every]
+                if name == "field" and large and not near:
+                    continue
                 if name != "image" and part.shape[1] == 3:
                     part = (part.sum(1, keepdim=True, dtype=torch.int32) * GREY_SCALE).to(torch.uint16)
                 kept[f"/camera/{side}/{name}"] = part.clone()
@@ -146,8 +151,10 @@ class Recorder(StepThread):
         values = step._asdict() | {"telemetry": dict(step.telemetry), "images": list(images)}
         frames = values.pop("frames")
         values["taken"] = None if frames is None else frames.time
-        values["field_width"] = None if self.runner is None else self.runner.fields[0].size[1]
-        messages = {topic: ros.image(image, topic.split("/")[2], step.time) for topic, image in images.items()}
+        messages = {
+            topic: array_message(image) if topic == SEEN else ros.image(image, topic.split("/")[2], step.time)
+            for topic, image in images.items()
+        }
         if ranges is not None and pose is not None:
             messages |= {"/scan": ros.laser_scan(ranges, step.time)}
             messages |= {"/odom": ros.odometry(pose, step.driven, step.time)}
@@ -208,8 +215,8 @@ class Recording:
     def steps(self) -> Iterator[Step]:
         """All steps but those that are damaged or not wholly there, without the state of the navigator.
 
-        They are numbered from 0; of whole frames there are the strips that were read, in grey, with columns that were
-        not read like those before them. `frames` is None where there were none.
+        They are numbered from 0; of whole frames there are the strips that were read, in grey; a field that was not
+        kept is one black pixel. `frames` is None where there were none.
         """
         self.complete, self.missing, expected = False, 0, 0
         topics: dict[int, str] = {}
@@ -242,32 +249,38 @@ def step_of(message: Message, images: dict[str, Message]) -> Step:
         raise ValueError("not a step")
     (time,), frames = finite([values["time"]], 1), None
     if values["images"]:
-        pair = []
+        pair, seen = [], None
+        if any(images[topic].sequence != number for topic in values["images"]):
+            raise ValueError("an image is not there")
+        if SEEN in values["images"]:
+            array = ros.from_cdr(images[SEEN].data, ARRAY)
+            seen = np.array(array.data, np.float32).reshape([part.size for part in array.layout.dim])
         for side in ("left", "right"):
-            parts = []
-            for name in ("image",) if f"/camera/{side}/image" in values["images"] else ("field", "row"):
-                image = images[f"/camera/{side}/{name}"]
-                if image.sequence != number:
-                    raise ValueError("an image is not there")
-                wide = values["field_width"] if name == "field" else None
-                parts.append(pixels_of(ros.from_cdr(image.data, "sensor_msgs/msg/Image"), wide))
-            pair.append(parts[0] if len(parts) == 1 else Strips(*parts))
-        frames = StereoFrames(pair[0], pair[1], *finite([values["taken"]], 1))
+            parts = {
+                name: pixels_of(ros.from_cdr(images[topic].data, "sensor_msgs/msg/Image"))
+                for name in ("image", "row", "field")
+                if (topic := f"/camera/{side}/{name}") in values["images"]
+            }
+            black = torch.zeros(1, 1, 1, 1, dtype=torch.uint8)
+            pair.append(parts["image"] if "image" in parts else Strips(parts.get("field", black), parts["row"]))
+        frames = StereoFrames(pair[0], pair[1], finite([values["taken"]], 1)[0], seen)
     used, restarted, telemetry = bool(values["used"]), bool(values["restarted"]), dict(values["telemetry"])
     return Step(number, time, frames, driven, wanted, sent, None, standing, used, restarted, placed, telemetry)
 
 
-def pixels_of(message: Any, width: int | None) -> Tensor:
-    """Pixels `[1, C, H, W]` of an image of a recording, of a field of this width; of a sum three colors with it."""
+def array_message(array: Tensor) -> Any:
+    dims = [ros.new("std_msgs/msg/MultiArrayDimension", "", size, array[0].numel()) for size in array.shape]
+    return ros.new(ARRAY, ros.new("std_msgs/msg/MultiArrayLayout", dims, 0), array.numpy().ravel())
+
+
+def pixels_of(message: Any) -> Tensor:
+    """Pixels `[1, C, H, W]` of an image of a recording; of a sum three colors with it."""
     part = ros.image_pixels(message)
     if message.encoding == "mono16":
         shape = part.shape[2:]
         sums = torch.from_numpy(np.frombuffer(bytes(message.data), "<u2").reshape(shape) // GREY_SCALE).to(torch.int32)
         part = torch.stack([(sums + rest) // 3 for rest in range(3)])[None].clamp(max=255).to(torch.uint8)
-    every = 1 if width is None else -(-width // part.shape[3])
-    if every > 8:
-        raise ValueError("a field that is too wide")
-    return part.repeat_interleave(every, 3)[..., :width]
+    return part
 
 
 def finite(values: Any, count: int) -> list[float]:

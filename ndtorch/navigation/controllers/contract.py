@@ -52,7 +52,6 @@ class Controller(nn.Module, ABC):
         checks_near: whether it wants to know what is near while it is stationary; its state then has a `mode`.
         params: its numbers.
         fields: the rectangles that it looks at, of the left and the right image.
-        column_step: it reads every so many-th column of them, except to check what is near.
 
     Args:
         rig: the camera pair.
@@ -66,7 +65,6 @@ class Controller(nn.Module, ABC):
     backend: ClassVar[Literal["numba", "torch"]] = "torch"
     has_goals: ClassVar[bool] = False
     checks_near: ClassVar[bool] = False
-    column_step: ClassVar[int] = 1
     params: Any
     fields: tuple[Rect, Rect]
 

@@ -25,7 +25,7 @@ from ndtorch.navigation.controllers.contract import (
 )
 from ndtorch.navigation.controllers.ranging import _kernels as kernels
 from ndtorch.navigation.controllers.ranging._kernels import FloorState, RangingState, RangingTables
-from ndtorch.navigation.controllers.ranging.floor import BLOCKS, EVERY, FloorView, floor_view
+from ndtorch.navigation.controllers.ranging.floor import BLOCKS, FloorView, floor_view
 from ndtorch.navigation.local_grid import DrivenPath, LocalGridParams, Primitives
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.proximity import NOWHERE, Obstacles, ProximityScan
@@ -100,7 +100,7 @@ class RangingControl(Controller):
     name = "ranging"
     Params: ClassVar[type[Any]] = RangingParams
     modes: ClassVar[tuple[int, ...]] = (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE)
-    backend, checks_near, column_step = "numba", True, EVERY
+    backend, checks_near = "numba", True
     seen_through = 0.0
     """Evidence that a range takes from every cell before it."""
 
