@@ -68,18 +68,6 @@ def test_collision_restarts_and_keeps_the_map():
     assert result.summary["distance_m"] < 0.5 * 11
 
 
-def test_interrupt_keeps_everything():
-    def press(step):
-        if step.number == 39:
-            raise KeyboardInterrupt
-
-    result = drive(DriveConfig(seconds=10), [press])
-    assert result.interrupted
-    assert len(result.record.array("time")) == 40
-    assert result.simulation.car.speed == 0.0
-    assert result.summary["simulated_seconds"] == pytest.approx(39 / 30, abs=1e-3)  # where the fortieth step began
-
-
 def test_published_rule_in_the_curve():
     """A4: it drives on, for minutes in `ndtorch reproduce A4`; with reversed turns it collides within 8 s."""
     result = drive(DriveConfig(arena="curve", seed=11, seconds=18, controller="published"))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
 from ndtorch.navigation.mapping.map_files import load_map
 from ndtorch.navigation.options import NavigatorOptions
@@ -22,12 +21,6 @@ def pilot_on_its_way(frames, steps=30):
     for _ in range(steps):
         runner.step(next(frames), DRIVEN)
     return runner
-
-
-def test_times_are_finite():
-    runner = pilot_on_its_way(moving_world(2, RIG), 1)
-    with pytest.raises(InputError, match="finite"):
-        runner.step(next(moving_world(1, RIG))._replace(time=math.nan), DRIVEN)
 
 
 def pose(runner):

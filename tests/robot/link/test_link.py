@@ -5,7 +5,6 @@ import struct
 
 import numpy as np
 import pytest
-from fastcrc import crc16
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -56,12 +55,6 @@ def test_frames_as_they_go_over_the_line():
         *(1630, 3, 60),
     )
     assert t.words() == ["battery low"]
-
-
-def test_checksums():
-    """The check values of the catalogue of parametrised CRC algorithms."""
-    assert crc16.ibm_3740(b"123456789") == 0x29B1
-    assert crc16.dnp(b"123456789") == 0xEA82
 
 
 @given(st.lists(FRAMES, max_size=6), st.lists(st.integers(1, 9), min_size=1, max_size=9))

@@ -28,18 +28,9 @@ SIMULATOR, IMAGE = FIRMWARE / "build" / "avrsim", FIRMWARE / "build" / "firmware
 
 
 class AvrBoard:
-    """Runs `robot/firmware/sim/avrsim.c` and keeps what it says.
+    """Runs `robot/firmware/sim/avrsim.c` and keeps what it says, also in a file, `log`.
 
-    Args:
-        log: file for all it says; it goes on for a second when this process is killed.
-
-    Raises:
-        InputError: the simulator was not built.
-
-    Attributes:
-        device: path of the serial port.
-        pulses: all so far.
-        events: commands that the simulator carried out (`"stall"`, `"up-garbage"`), and when.
+    `device` is the path of its serial port; `events` are the commands that it carried out, such as `"stall"`, and when.
     """
 
     def __init__(self, log: Path | None = None) -> None:

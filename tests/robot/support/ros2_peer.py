@@ -40,10 +40,7 @@ Odometry_ = struct(
 RANGES = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
 LISTS = {"ranges": sequence[float32], "intensities": sequence[float32]}
 LaserScan_ = struct("sensor_msgs", "LaserScan", header=Header_, **dict.fromkeys(RANGES, float32), **LISTS)
-TOPICS = {
-    "scan": LaserScan_,
-    "odom": Odometry_,
-}
+TOPICS = {"scan": LaserScan_, "odom": Odometry_}
 
 LO = """<CycloneDDS><Domain Id="any">
 <General><Interfaces><NetworkInterface name="lo"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
