@@ -314,8 +314,7 @@ class InhibitoryNetwork(FullPrecision):
         state = self.start(inputs.select(time, 0)) if state is None else state
         drive, input_low = inputs, state.input_low
         if self.filters_input:
-            lows, input_low = low_pass(inputs, input_low, self.tau_in, self.dt, time, blocks=False)
-            drive = inputs - lows
+            drive, input_low = low_pass(inputs, input_low, self.tau_in, self.dt, time, blocks=False, high=True)
         delayed = self.feedback == "delayed"
         out, after, shifts = self._delayed(drive, state) if delayed else self._settled(drive, state)
         power, roughness, changes = state.power, state.roughness, state.changes

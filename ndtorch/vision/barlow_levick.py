@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_state
 from ndtorch.utils.tensors import safe_state
-from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.frames import as_float, check_frames, grey, trial_by_trial
 from ndtorch.vision.motion import Border, check_border
 from ndtorch.vision.temporal import Discretization, Seconds, keep_time, low_pass
 
@@ -76,13 +76,13 @@ class BarlowLevick(nn.Module):
         keep_time(self, discretization, tau_high=tau_high, tau_low=tau_low, dt=dt)
         self.veto, self.border = float(veto), border
 
+    @trial_by_trial(2, 1)
     def forward(self, frames: Tensor, state: VetoState | None = None) -> tuple[Tensor, VetoState]:
         check_state(state, VetoState)
         image = grey(as_float(check_frames(frames)))
         slow, inhibition = (None, None) if state is None else state
-        lows, slow = low_pass(image, slow, self.tau_high, self.dt, -3, self.discretization)
-        high = image - lows
-        excited = torch.stack([high, -high], -3).clamp_min(0)
+        high, slow = low_pass(image, slow, self.tau_high, self.dt, -3, self.discretization, high=True)
+        excited = torch.stack([high, -high], -3).clamp_min_(0)
         start = torch.zeros_like(excited.select(-4, 0)) if inhibition is None else inhibition
         delayed, inhibition = low_pass(excited, start, self.tau_low, self.dt, -4, self.discretization)
         out = [

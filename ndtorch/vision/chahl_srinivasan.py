@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import safe_state
+from ndtorch.vision.frames import trial_by_trial
 from ndtorch.vision.temporal import check_series
 
 
@@ -71,6 +72,7 @@ class ChahlSrinivasan(nn.Module):
         check_number("min_contrast", min_contrast, least=0)
         self.min_contrast = min_contrast
 
+    @trial_by_trial(1)
     def forward(self, x: Tensor, state: ShiftState | None = None) -> tuple[Tensor, ShiftState]:
         check_series(x, 3, state, ShiftState)
         if x.shape[-1] < 3:

@@ -20,7 +20,7 @@ from ndtorch.arguments import (
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import keep_freed_memory
 from ndtorch.vision._kernels_frame import PassConstants, front_end
-from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.frames import as_float, check_frames, each_trial, grey
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
 from ndtorch.vision.orientation import Deviations, OrientedDoG
 from ndtorch.vision.temporal import Discretization, Seconds, ratio
@@ -103,10 +103,16 @@ class VisualFeatures(FullPrecision):
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
         frames = check_frames(frames, self.size, device=self.orientation.fixed_spectrum.device)
+        return self._sums(frames, state)
+
+    def _sums(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
         batch = frames.shape[:-4]
         kernels = kernels_wanted(frames, *(state or ()), *self.parameters(), backend=self.backend)
         if batch and (kernels or (frames.is_cpu and 2 * frames.shape[-1] * frames.shape[-2] > CPU_PIXELS)):
-            return self._each(frames, state)
+            # One trial after the other: so kernels take them, and large frames do not leave the cache.
+            start = state and MotionState(*(part.expand(*batch, *self.size) for part in state))
+            sums, end = each_trial(self._sums, frames, start, frames.shape[-4])
+            return sums, end
         kind = torch.float64 if frames.dtype == torch.float64 else torch.float32
         if kernels and (state is None or (state.slow.shape == self.size and state.slow.dtype == kind)):
             return self._one_pass(frames, state, kind)
@@ -168,19 +174,3 @@ class VisualFeatures(FullPrecision):
         if not torch.isfinite(out).all():
             raise InputError("frames must be finite, got NaN or infinite values")
         return out, after
-
-    def _each(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
-        """One trial after the other: so kernels take them, and large frames do not leave the cache."""
-        batch = frames.shape[:-4]
-        trials = frames.reshape(-1, *frames.shape[-4:])
-        slow = delayed = None
-        if state is not None:
-            slow, delayed = (s.expand(*batch, *self.size).reshape(-1, *self.size) for s in state)
-        sums, ends = [], []
-        for i, trial in enumerate(trials):
-            start = None if slow is None or delayed is None else MotionState(slow[i], delayed[i])
-            out, end = self.forward(trial, start)
-            sums.append(out)
-            ends.append(end)
-        final = (torch.stack(part).reshape(*batch, *self.size) for part in zip(*ends, strict=True))
-        return torch.stack(sums).reshape(*batch, *sums[0].shape), MotionState(*final)

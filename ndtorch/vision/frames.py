@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import ctypes
+import functools
+import itertools
 import math
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import USUAL, check_dense, has_values
+from ndtorch.arguments import USUAL, Function, check_dense, has_values
 from ndtorch.errors import InputError
+from ndtorch.utils.tensors import leaves, mapped
 
 SLACK = 0.01
 """How far beyond 0..1 floats may lie: interpolation may go a little too far."""
+
+LARGE = 1 << 18
+"""Numbers of a trial from which on it is computed by itself: more leave the cache of a CPU."""
 
 NEAR = 1e-4
 """How far from a whole number of 255 parts a float may lie that is one: some times its last digit."""
@@ -102,3 +112,58 @@ def grey(frames: Tensor) -> Tensor:
     red, green, blue = frames.unbind(-3)
     # Three passes over planes: faster on a CPU than a mean over a strided dimension.
     return (red + green).add_(blue).mul_(1 / 3)
+
+
+def trial_by_trial(*fewer: int) -> Callable[[Function], Function]:
+    """Decorator of `forward(self, x, state)`: on a CPU, large trials of a batch are computed one after the other.
+
+    Together, what is in between leaves the cache, and a pass over memory takes longer than what is computed.
+
+    Args:
+        fewer: how many dimensions each tensor of the state has less than x.
+    """
+
+    def decorate(forward: Function) -> Function:
+        @functools.wraps(forward)
+        def call(self: Any, x: Tensor, state: Any = None) -> Any:
+            batch = x.shape[:-4] if isinstance(x, Tensor) else ()
+            if not batch or not has_values(x) or not x.is_cpu or math.prod(x.shape[-4:]) < LARGE:
+                return forward(self, x, state)
+            shapes = [(part.shape[: len(batch)], part.ndim) for part in leaves(state).values()]
+            if shapes and shapes != [(batch, x.ndim - less) for less in fewer]:  # it broadcasts
+                return forward(self, x, state)
+            return each_trial(functools.partial(forward, self), x, state, max(1, LARGE // math.prod(x.shape[-3:])))
+
+        return call  # type: ignore[return-value]
+
+    return decorate
+
+
+def each_trial(step: Callable[[Tensor, Any], tuple[Tensor, Any]], x: Tensor, state: Any, length: int) -> Any:
+    """Output and state of `step(x, state)` for one trial `[T, C, H, W]` after the other; without gradients, so many
+    frames at once."""
+    (*batch, steps), ends, rows, out = x.shape[:-3], [], list[Tensor](), None
+    length = steps if torch.is_grad_enabled() else length
+    for at in itertools.product(*map(range, batch)):
+        end = mapped(state, lambda _, part, at=at: part[at])  # type: ignore[misc]
+        for begin in range(0, steps, length):
+            some, end = step(x[at][begin : begin + length], end)
+            if torch.is_grad_enabled():
+                rows.append(some)
+                continue
+            out = fresh((*batch, steps, *some.shape[1:]), some) if out is None else out
+            out[at][begin : begin + length] = some
+        ends.append(leaves(end))
+    stacked = mapped(end, lambda name, one: torch.stack([flat[name] for flat in ends]).reshape(*batch, *one.shape))
+    return torch.stack(rows).reshape(*batch, *rows[0].shape) if out is None else out, stacked
+
+
+def fresh(shape: Sequence[int], like: Tensor) -> Tensor:
+    """Memory for results. Of more than 32 MiB the C library asks the system: for large pages, where it is Linux, since
+    a page fault for every 4 KiB takes longer than to fill them."""
+    out = like.new_empty(shape)
+    if out.nbytes > 32 << 20 and sys.platform == "linux":
+        skipped = -out.data_ptr() % 4096
+        advise = ctypes.CDLL(None).madvise
+        advise(ctypes.c_void_p(out.data_ptr() + skipped), ctypes.c_size_t(out.nbytes - skipped), 14)
+    return out

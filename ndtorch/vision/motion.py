@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import safe_state
-from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.frames import as_float, check_frames, grey, trial_by_trial
 from ndtorch.vision.temporal import Discretization, Seconds, keep_time, low_pass
 
 Border = Literal["wrap", "reflect"]
@@ -104,8 +104,7 @@ class HassensteinReichardt(nn.Module):
         """Run the temporal filters over grey images `[..., T, H, W]`; returns PH, PHL and the state. [B eq. 7-8]"""
         first = images.select(-3, 0)
         slow, delayed = (first, torch.zeros_like(first)) if state is None else state
-        lows, slow = low_pass(images, slow, self.tau_high, self.dt, -3, self.discretization)
-        high = images - lows
+        high, slow = low_pass(images, slow, self.tau_high, self.dt, -3, self.discretization, high=True)
         late, delayed = low_pass(high, delayed, self.tau_low, self.dt, -3, self.discretization)
         return high, late, MotionState(slow, delayed)
 
@@ -120,7 +119,7 @@ class HassensteinReichardt(nn.Module):
                 inner = correlate(high, delayed, dim)
                 signed.append(torch.cat([inner, torch.zeros_like(high.narrow(dim, 0, 1))], dim))
         right, down = signed
-        return torch.stack([-right, right, down, -down], -3).clamp_min(0)
+        return torch.stack([-right, right, down, -down], -3).clamp_min_(0)
 
     def sums(self, high: Tensor, delayed: Tensor) -> Tensor:
         """Spatial sums of the four images, `[..., 4]`, without making the images."""
@@ -129,6 +128,7 @@ class HassensteinReichardt(nn.Module):
         # sum where nothing moves in a direction.
         return (signed @ self.directions.to(signed.dtype)).clamp_min(0)
 
+    @trial_by_trial(2, 2)
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
         image = grey(as_float(check_frames(frames)))

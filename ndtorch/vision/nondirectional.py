@@ -12,6 +12,7 @@ from torch.nn import functional as F
 from ndtorch.arguments import check_number, check_state
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import safe_state
+from ndtorch.vision.frames import trial_by_trial
 from ndtorch.vision.motion import correlate
 from ndtorch.vision.temporal import (
     Discretization,
@@ -76,8 +77,9 @@ class NDMin(nn.Module):
     def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
         """`forward` without checks, for modules that have checked x."""
         # A high-pass written out: on the few pixels of a strip nested modules take as long as the sums.
-        lows, low = low_pass(x, state and state.low, self.tau_high, self.dt, -4, self.discretization)
-        return x - lows, FilterState(low)
+        low = state and state.low
+        change, low = low_pass(x, low, self.tau_high, self.dt, -4, self.discretization, high=True)
+        return change, FilterState(low)
 
 
 class NDMinus(NDMin):
@@ -88,6 +90,7 @@ class NDMinus(NDMin):
     Shapes, arguments, state and errors as `NDMin`.
     """
 
+    @trial_by_trial(1)
     def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
         high, state = super().scan(x, state)
         before = torch.cat([high[..., :1], high[..., :-1]], dim=-1)
@@ -129,6 +132,7 @@ class NDS(nn.Module):
         self.high_pass = HighPass(tau_high, dt, discretization=discretization)
         self.low_pass = LowPass(tau_low, dt, discretization=discretization)
 
+    @trial_by_trial(1, 1)
     def forward(self, x: Tensor, state: NDSState | None = None) -> tuple[Tensor, NDSState]:
         check_state(state, NDSState)
         high, high_state = self.high_pass(x, state and state.high)

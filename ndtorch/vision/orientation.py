@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import Backend, FullPrecision, check_size, is_finite, without_autocast
 from ndtorch.errors import InputError
-from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.frames import as_float, check_frames, grey, trial_by_trial
 from ndtorch.vision.motion import Border, check_border
 
 ANGLES: tuple[float, ...] = (0.0, 60.0, 120.0)
@@ -247,7 +247,11 @@ class OrientedDoG(FullPrecision):
 
     @without_autocast
     def forward(self, frames: Tensor) -> Tensor:
-        return self.images(grey(as_float(check_frames(frames, self.size, device=self.fixed_spectrum.device))))
+        return self.responses(frames, None)[0]
+
+    @trial_by_trial()
+    def responses(self, frames: Tensor, _: None) -> tuple[Tensor, None]:
+        return self.images(grey(as_float(check_frames(frames, self.size, device=self.fixed_spectrum.device)))), None
 
     def _pad(self, image: Tensor) -> Tensor:
         if self.border == "wrap":

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ndtorch.arguments import FullPrecision, check_number, check_state
 from ndtorch.utils.tensors import safe_state
-from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.frames import as_float, check_frames, grey, trial_by_trial
 from ndtorch.vision.temporal import Seconds, keep_time, low_pass, low_pass_step, ratio
 
 
@@ -86,13 +86,13 @@ class SmallTargetDetector(FullPrecision):
         keep_time(self, tau_high=tau_high, tau_delay=tau_delay, tau_rise=tau_rise, tau_fall=tau_fall, dt=dt)
         self.inhibition, self.inner, self.outer, self.dark = float(inhibition), inner, outer, dark
 
+    @trial_by_trial(2, 1, 2)
     def forward(self, frames: Tensor, state: SmallTargetState | None = None) -> tuple[Tensor, SmallTargetState]:
         check_state(state, SmallTargetState)
         image = grey(as_float(check_frames(frames)))
         slow, adapted, delayed = (None, None, None) if state is None else state
-        lows, slow = low_pass(image, slow, self.tau_high, self.dt, -3)
-        high = image - lows if self.dark else lows - image
-        signals = torch.stack([high, -high], -3).clamp_min(0)  # [..., T, 2, H, W]
+        high, slow = low_pass(image, slow, self.tau_high, self.dt, -3, high=True)
+        signals = torch.stack([high, -high] if self.dark else [-high, high], -3).clamp_min_(0)  # [..., T, 2, H, W]
         rise, fall = (torch.as_tensor(ratio(tau, self.dt)).to(signals) for tau in (self.tau_rise, self.tau_fall))
         adapted = torch.zeros_like(signals.select(-4, 0)) if adapted is None else adapted
         kept = []

@@ -8,9 +8,10 @@ from typing import Literal, NamedTuple, overload
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_state, check_tensor, is_finite, is_number
+from ndtorch.arguments import check_number, check_state, check_tensor, has_values, is_finite, is_number
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import safe_state
+from ndtorch.vision.frames import fresh
 
 MOST_ROWS = 100_000
 """Time steps of the longest memory of single numbers."""
@@ -124,8 +125,10 @@ def low_pass(
     dim: int,
     discretization: Discretization = "euler",
     blocks: bool = True,
+    high: bool = False,
 ) -> tuple[Tensor, Tensor]:
     """Low-passed samples like `x`, along `dim`, and the last of them; the state `low` defaults to the first sample.
+    With `high` what the low-pass leaves, in place of what it lets through.
 
     On a CPU a loop over time moves the fewest bytes. What is compiled or exported, or on a GPU, is done in blocks: the
     number of operations does not grow with time. Networks, which are loops over time anyway, ask for no blocks.
@@ -135,18 +138,27 @@ def low_pass(
         a = a.to(x.dtype)
     low = x.select(dim, 0) if low is None else low
     out: list[Tensor] = []
-    blocks = blocks and x.shape[dim] > 1 and not (isinstance(a, Tensor) and a.ndim)
+    several = x.shape[dim] > 1 and not (isinstance(a, Tensor) and a.ndim)
     # Under autocast a product of matrices would be one of half precision.
-    blocks = blocks and not torch.is_autocast_enabled("cuda" if x.is_cuda else "cpu")
+    blocks = blocks and several and not torch.is_autocast_enabled("cuda" if x.is_cuda else "cpu")
     if blocks and (torch.compiler.is_compiling() or x.is_cuda):
         for block in torch.split(x, BLOCK, dim):
             out.append(low_pass_block(block, low, a, dim))
             low = out[-1].select(dim, -1)
-        return out[0] if len(out) == 1 else torch.cat(out, dim), low
-    for sample in x.unbind(dim):
-        low = torch.lerp(low, sample, a)
-        out.append(low)
-    return low.unsqueeze(dim) if len(out) == 1 else torch.stack(out, dim), low
+        lows = out[0] if len(out) == 1 else torch.cat(out, dim)
+    elif several and not torch.is_grad_enabled() and low.shape == x.select(dim, 0).shape and has_values(x, low):
+        passed = fresh(x.shape, x)
+        for sample, place in zip(x.unbind(dim), passed.unbind(dim), strict=True):
+            low = torch.lerp(low, sample, a, out=None if high else place)
+            if high:
+                torch.sub(sample, low, out=place)
+        return passed, low.clone()
+    else:
+        for sample in x.unbind(dim):
+            low = torch.lerp(low, sample, a)
+            out.append(low)
+        lows = low.unsqueeze(dim) if len(out) == 1 else torch.stack(out, dim)
+    return x - lows if high else lows, low
 
 
 def low_pass_block(x: Tensor, low: Tensor, a: float | Tensor, dim: int) -> Tensor:
@@ -219,8 +231,9 @@ class HighPass(LowPass):
     """
 
     def scan(self, x: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState]:
-        lows, state = super().scan(x, state)
-        return x - lows, state
+        low, dim = state and state.low, -1 - self.sample_dims
+        change, low = low_pass(x, low, self.tau, self.dt, dim, self.discretization, high=True)
+        return change, FilterState(low)
 
 
 @safe_state

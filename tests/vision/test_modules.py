@@ -27,6 +27,7 @@ from ndtorch.vision import (
     Sequential,
     SmallTargetDetector,
     VisualFeatures,
+    frames,
 )
 from ndtorch.vision.nondirectional import judge_speed_curve, speed_response
 from ndtorch_train.reproduce.sensors import flickering_rows
@@ -70,6 +71,18 @@ def test_vmap_is_a_loop(name: str) -> None:
     module, batch = make(), torch.stack([x, x.flip(0), 1 - x])
     mapped = torch.vmap(lambda one: output(module, one))(batch)
     torch.testing.assert_close(mapped, torch.stack([output(module, one) for one in batch]))
+
+
+@each
+def test_large_trials_one_after_the_other_have_the_same_gradient(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    make, x = MODULES[name]
+    batch = torch.stack([x, x.flip(0), 1 - x]).requires_grad_()
+    found = []
+    for large in (1 << 18, 1):
+        monkeypatch.setattr(frames, "LARGE", large)
+        out = output(make(), batch)
+        found.append((out, *torch.autograd.grad(out.square().sum(), batch)))
+    torch.testing.assert_close(*found)
 
 
 @each
