@@ -181,7 +181,8 @@ class Simulation(Drive):
     """A world with the car in it, which implements all ports of the loop.
 
     When the car touches anything, the collision is noted and the car respawns at the nearest free place, with the
-    heading in which it can drive farthest. Only an evaluation may ask for `pose`.
+    heading in which it can drive farthest, but at another one where it came less than its length away from that. Only
+    an evaluation may ask for `pose`.
 
     Args:
         seed: what the building looks like, and where the car starts.
@@ -224,6 +225,7 @@ class Simulation(Drive):
         self.steps = 0
         self.collisions: list[Collision] = []
         self.placed: Placed = None
+        self.unfit: set[tuple[float, float]] = set()  # places where the car was put in vain
         start = self.plan.start or self.spawn_points.random(rng)
         self.place(*start)
 
@@ -252,15 +254,20 @@ class Simulation(Drive):
         return bool(rectangle_touches(*self.pose, self.half, self.world.walls, self.world.posts))
 
     def respawn(self) -> None:
-        for pose in self.spawn_points.by_distance(self.car.x, self.car.y):
-            self.place(*pose)
-            if not self.touches():
-                return
+        """Put the car at the nearest free place where it was not put before in vain, as long as there is one."""
+        if math.dist(self.put, self.pose[:2]) < self.body.length_m:
+            self.unfit.add(self.put)
+        for unfit in (self.unfit, set()):
+            for pose in self.spawn_points.by_distance(self.car.x, self.car.y):
+                if pose[:2] not in unfit:
+                    self.place(*pose)
+                    if not self.touches():
+                        return
 
     def place(self, x: float, y: float, heading: float) -> None:
         """Put the car somewhere; `take_placed` returns the pose once."""
         self.car.place(x, y, heading)
-        self.placed = (x, y, heading)
+        self.placed, self.put = (x, y, heading), (x, y)
 
     def take_placed(self) -> Placed:
         placed, self.placed = self.placed, None

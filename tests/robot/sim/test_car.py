@@ -16,6 +16,7 @@ from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.firmware_host import FIRMWARE, Electronics, FirmwareHost
+from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import CarLimits, SimulatedCar, Simulation
 
 
@@ -150,6 +151,25 @@ def test_collision_is_counted_and_the_car_respawns():
     assert simulation.plan.clearance(np.array([[x, y]]))[0] > 0.5
     assert simulation.pose == (x, y, simulation.car.heading)
     assert simulation.car.speed == 0.0
+
+
+def test_a_car_that_cannot_begin_is_put_elsewhere():
+    plan, places = Plan("small", ring([(0, 0), (2, 0), (2, 2), (0, 2)])), []
+    simulation = Simulation(plan, 0)
+    fitting = {pose[:2] for pose in simulation.spawn_points.by_distance(1.0, 1.0)}
+    for _ in fitting:
+        places.append(simulation.pose[:2])
+        simulation.respawn()
+    assert len(fitting) > 4
+    assert set(places) == fitting  # each once
+    assert simulation.pose[:2] in fitting  # and then again one of them
+    simulation = Simulation(plan, 0)
+    x, y, _ = simulation.pose
+    simulation.car.x += 0.6  # it comes away
+    simulation.respawn()
+    simulation.car.x = x
+    simulation.respawn()
+    assert simulation.pose[:2] == (x, y)
 
 
 def test_noisy_odometry():
