@@ -148,7 +148,7 @@ class StereoCameras(Closing):
     """Two cameras that run freely, one reader thread each; implements `ndtorch_robot.ports.CameraPair`.
 
     Each reading gives the newest pair that has not been read yet, and waits for it when it must. The time of a
-    pair is that of its older frame. Frames are whole ones `[1, C, H, W]` uint8, red, green, blue, or with
+    pair is that of its older frame. A source that is both left and right gives both images side by side. Frames are whole ones `[1, C, H, W]` uint8, red, green, blue, or with
     `rectify`, which `open_cameras` makes, the rectified strips.
 
     Raises:
@@ -159,9 +159,11 @@ class StereoCameras(Closing):
         self, settings: CameraSettings, rectify: Rectifier | None = None, opener: Opener = open_capture
     ) -> None:
         self.settings, self.rectify = settings, rectify
-        sources = (find_source(settings.left), find_source(settings.right))
-        if sources[0].target == sources[1].target:
-            raise InputError(f"left and right are the same camera, {settings.left}")
+        sources = [find_source(settings.left), find_source(settings.right)]
+        self.joined = sources[0].target == sources[1].target
+        if self.joined:
+            del sources[1]
+            settings = settings.model_copy(update={"width_px": 2 * settings.width_px})
         self.changed, self.pairing = threading.Condition(), Pairing(settings.tolerance_ms / 1e3)
         self.pair: FramePair | None = None
         self.readers: list[CameraReader] = []
@@ -171,8 +173,10 @@ class StereoCameras(Closing):
             for side, reader in enumerate(self.readers):
                 reader.thread.start()
                 self.wait_for_first(side)
-        except BaseException:
+        except BaseException as error:
             self.close()
+            if self.joined and isinstance(error, InputError):
+                raise InputError(f"left and right are one camera, of images side by side: {error}") from None
             raise
 
     def wait_for_first(self, side: int) -> None:
@@ -187,9 +191,11 @@ class StereoCameras(Closing):
         raise InputError(f"the {SIDES[side]} camera ({reader.source.name}) opens but gives no frame ({why}){hint}")
 
     def add(self, side: int, frame: CameraFrame) -> None:
+        middle = frame.image.shape[1] // 2
+        halves = (frame.image[:, :middle], frame.image[:, middle:]) if self.joined else (frame.image,)
         with self.changed:
-            pair = self.pairing.add(side, frame)
-            self.pair = pair or self.pair
+            for n, image in enumerate(halves):
+                self.pair = self.pairing.add(side + n, CameraFrame(image, frame.time)) or self.pair
             self.changed.notify_all()
 
     def read(self) -> StereoFrames:
@@ -236,7 +242,9 @@ class StereoCameras(Closing):
         wide, high = self.settings.width_px, self.settings.height_px
         if image.shape[:2] != (high, wide):
             size = f"{image.shape[1]}x{image.shape[0]} frames, {wide}x{high} are wanted"
-            raise InputError(f"the {SIDES[side]} camera ({self.readers[side].source.name}) gives {size}")
+            raise InputError(
+                f"the {SIDES[side]} camera ({(self.settings.left, self.settings.right)[side]}) gives {size}"
+            )
 
     def close(self) -> None:
         for reader in self.readers:

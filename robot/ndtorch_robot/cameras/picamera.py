@@ -41,8 +41,9 @@ class PicameraCapture:
             self.device.start()
             if exposure_ms is not None:
                 *_, settled = (self.device.capture_metadata() for _ in range(SETTLING))
-                fixed = {name: settled[name] for name in FIXED if name in settled}
-                self.device.set_controls({"AeEnable": False, "AwbEnable": False, **fixed})
+                fixed = {"AeEnable": False, "AwbEnable": False} | {n: settled[n] for n in FIXED if n in settled}
+                known = self.device.camera_controls  # of a monochrome sensor without those of color
+                self.device.set_controls({name: value for name, value in fixed.items() if name in known})
         except (RuntimeError, IndexError) as error:
             raise InputError(f"camera picamera2:{number}: cannot be opened ({error})") from None
 

@@ -37,9 +37,9 @@ class CameraSettings(Strict):
     left: Annotated[str, Field(min_length=1)]
     """Left camera: a device (/dev/v4l/by-path/..., /dev/video0 or a number), picamera2:0, or an address with ://."""
     right: Annotated[str, Field(min_length=1)]
-    """Right camera, named like the left one."""
+    """Right camera, named like the left one; the same one twice gives both images side by side in each frame."""
     width_px: int = Field(640, ge=16, le=8192)
-    """Width of a frame, in pixels."""
+    """Width of one image, in pixels."""
     height_px: int = Field(480, ge=16, le=8192)
     """Height of a frame, in pixels."""
     rate_hz: float = Field(30.0, gt=0, le=1000)

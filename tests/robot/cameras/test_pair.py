@@ -3,6 +3,7 @@
 import re
 import time
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -130,9 +131,27 @@ def test_another_size():
         live(LiveCapture(size=(32, 48)), LiveCapture())
 
 
-def test_the_same_camera_twice():
-    with pytest.raises(InputError, match="same camera"):
-        StereoCameras(CameraSettings(left="/dev/video0", right="0", **SMALL))
+def test_one_camera_whose_images_lie_side_by_side(tmp_path):
+    """A film of joined frames, played again and again; a camera named twice by mistake gives too small ones."""
+    path, pictures = str(tmp_path / "joined.avi"), (picture(1), picture(2))
+    film = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*"FFV1"), 30.0, (128, 48))
+    for _ in range(300):
+        film.write(np.hstack(pictures))
+    film.release()
+    settings, widths = CameraSettings(left="/dev/video0", right="0", max_age_ms=5000, **SMALL), []
+
+    def opener(source, settings):
+        widths.append(settings.width_px)
+        return cv2.VideoCapture(path)
+
+    with StereoCameras(settings, opener=opener) as cameras:
+        pair = cameras.read_pair()
+    assert pair.left.time == pair.right.time
+    assert widths[0] == 128
+    for frame, drawn in zip(pair, pictures, strict=True):
+        assert np.abs(frame.image.astype(int) - drawn).max() <= 2
+    with pytest.raises(InputError, match="one camera, of images side by side: .* gives 32x48"):
+        StereoCameras(settings, opener=lambda source, settings: LiveCapture())
 
 
 @pytest.mark.realtime
