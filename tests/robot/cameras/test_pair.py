@@ -150,7 +150,7 @@ def test_one_camera_whose_images_lie_side_by_side(tmp_path):
     assert widths[0] == 128
     for frame, drawn in zip(pair, pictures, strict=True):
         assert np.abs(frame.image.astype(int) - drawn).max() <= 2
-    with pytest.raises(InputError, match="one camera, of images side by side: .* gives 32x48"):
+    with pytest.raises(InputError, match=r"one camera, of images side by side: .* gives 32x48"):
         StereoCameras(settings, opener=lambda source, settings: LiveCapture())
 
 
