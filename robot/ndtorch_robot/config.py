@@ -52,8 +52,20 @@ class RobotOptions(NavigatorOptions):
         return RunConfig() if self.robot is None else read_run_config(self.robot)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """Where a drive is recorded and shown."""
+
+    record: Path | None = None
+    """New file of a recording, NAME.mcap, for `ndtorch replay`, Foxglove and ROS 2."""
+    rrd: Path | None = None
+    """File for the rerun viewer; of a simulated drive with full frames."""
+    view: str = ""
+    """Running rerun viewer to which the drive is sent, ADDRESS or ADDRESS:PORT."""
+
+
 @dataclass(frozen=True)
-class DriveConfig(RobotOptions):
+class DriveConfig(RobotOptions, Recorded):
     """A simulated drive: these options beside those of robot and navigator.
 
     Raises:
@@ -70,12 +82,6 @@ class DriveConfig(RobotOptions):
     """Disturbances of cameras and car: names (noise, flicker, pitch-up, ...) or KEY=NUMBER, with commas."""
     out: Path = Path("out/drive")
     """Folder of the results, or the next free one: out/drive-2."""
-    record: Path | None = None
-    """New file of a recording, NAME.mcap, for `ndtorch replay`, Foxglove and ROS 2."""
-    rrd: Path | None = None
-    """File for the rerun viewer, with full frames."""
-    view: str = ""
-    """Running rerun viewer to which full frames are sent as it drives, ADDRESS or ADDRESS:PORT."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

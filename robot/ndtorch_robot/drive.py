@@ -30,7 +30,7 @@ from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.sim.simulation import Simulation
 
 DRAWN = 2.0
-"""Seconds without contrast that are no fault: walls have stretches without marks, from which a car turns away."""
+"""Seconds without contrast that are no fault: a car turns away from stretches of wall without marks."""
 
 FACTS = ("arena", "seed", "controller", "odometry", "disturbance")
 """Options that the summary repeats."""
@@ -77,8 +77,8 @@ def drive(
     record, path = Record(runner, lambda: simulation.pose), WalkedPath()
     respawn = Respawn(simulation, runner, safe, end=disturbances == Disturbances())
     known: dict[str, Any] = {"plan": plan, "truth": lambda: simulation.pose}
-    name, files, interrupted = f"{config.arena} seed {config.seed}", (config.record, config.rrd, config.view), False
-    with observe(car, name, *files, print_note, **known) as (recorder, _):
+    name, interrupted = f"{config.arena} seed {config.seed}", False
+    with observe(car, name, config, print_note, **known) as (recorder, _):
         car.observers += [record, path, respawn, *observers]
         runner.navigator.warm_up()  # before the time is taken
         began = time.perf_counter()
@@ -94,7 +94,7 @@ def drive(
 
 
 def check_goal(config: DriveConfig, plan: Plan) -> None:
-    """Raise `InputError` where a drive shall lead to a place at which there is no room for the car's middle."""
+    """Raise `InputError` where the goal of a drive has no room for the middle of the car."""
     goal = place_of(config.goal)
     if goal is not None and not plan.clearance(np.array([goal]))[0] > 0:
         left, right, bottom, top = plan.bounds

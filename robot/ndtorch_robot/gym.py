@@ -31,13 +31,13 @@ CONTACT = 10.0
 """What touching something costs: as much as 10 m of new ground bring."""
 
 CELL, PASS = 0.5, 3.0
-"""New ground is counted in cells of this side, m, and each for so many seconds from when it was first entered."""
+"""New ground is counted in cells of this side, m, each for so many seconds from when it was first entered."""
 
 EPISODE_STEPS = 1800
-"""Steps of an episode at most, a minute of 30 frames a second; `max_episode_steps` of `gymnasium.make` changes it."""
+"""Most steps of an episode, a minute of 30 frames a second; see `max_episode_steps` of `gymnasium.make`."""
 
 ENVIRONMENTS = {"".join(word.capitalize() for word in arena.split("-")): arena for arena in ARENAS}
-"""Arenas by the names of their environments; `ndtorch/Drive-v0` takes any `arena`, and those of a `.toml` file too."""
+"""Arenas by the names of their environments; `ndtorch/Drive-v0` takes any `arena`, also a `.toml` file."""
 
 
 def register() -> None:

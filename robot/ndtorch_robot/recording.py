@@ -75,6 +75,8 @@ class Recorder(StepThread):
         InputError: a file that exists already or cannot be made, or of another suffix.
     """
 
+    poll_s = FLUSH_S
+
     def __init__(
         self,
         path: str | Path,
@@ -103,7 +105,7 @@ class Recorder(StepThread):
             raise InputError(f"{path} exists already: choose another name") from None
         except OSError as error:
             raise InputError(f"{path}: cannot record into this file ({error.strerror})") from None
-        super().__init__(f"recording {path}", size, when_full, report, FLUSH_S)
+        super().__init__(f"recording {path}", size, when_full, report)
 
     def __call__(self, step: Step) -> None:
         images, ranges, pose = self.images(step), None, None

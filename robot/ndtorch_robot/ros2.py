@@ -24,8 +24,6 @@ CONFIG = """<CycloneDDS><Domain Id="any">
 """Participants are looked for at named peers, without multicast."""
 
 PUBLISHED = {"scan": "sensor_msgs/msg/LaserScan", "odom": "nav_msgs/msg/Odometry", "tf": "tf2_msgs/msg/TFMessage"}
-POLL = 0.01
-"""Seconds between two looks for goals at most."""
 
 GOAL = "geometry_msgs/msg/PoseStamped"
 
@@ -40,7 +38,7 @@ class Ros2Bridge(StepThread):
         InputError: Cyclone DDS is not installed, or does not start.
     """
 
-    patience = 1.0
+    patience, poll_s = 1.0, 0.01
 
     def __init__(self, settings: Ros2Table, runner: NavigatorRunner, report: Report) -> None:
         need("cyclonedds", "a bridge to ROS 2")
@@ -69,7 +67,7 @@ class Ros2Bridge(StepThread):
         best_effort = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(10))
         has_goals = runner.navigator.controller.has_goals
         self.goals = DataReader(participant, topic("goal_pose", GOAL), qos=best_effort) if has_goals else None
-        super().__init__("bridge to ROS 2", 1, "newest", report, POLL)
+        super().__init__("bridge to ROS 2", 1, "newest", report)
 
     def __call__(self, step: Step) -> None:
         self.put(step)

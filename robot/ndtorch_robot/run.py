@@ -7,7 +7,6 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ndtorch.errors import InputError
@@ -15,6 +14,7 @@ from ndtorch.navigation import Grid, StereoRig
 from ndtorch_robot.camera_monitor import CameraMonitor
 from ndtorch_robot.cameras.pair import StereoCameras, open_cameras
 from ndtorch_robot.car import CameraClock, Car, MonotonicClock
+from ndtorch_robot.config import Recorded
 from ndtorch_robot.link import SIMULATED_WORLD, Opening, open_link
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
@@ -73,14 +73,7 @@ def open_real_cameras(config: RunConfig) -> tuple[StereoCameras, StereoRig]:
 
 @contextlib.contextmanager
 def observe(
-    car: Car,
-    name: str,
-    record: Path | None,
-    rrd: Path | None,
-    view: str,
-    report: Report,
-    whole: bool = False,
-    **known: Any,
+    car: Car, name: str, to: Recorded, report: Report, whole: bool = False, **known: Any
 ) -> Iterator[tuple[Recorder | None, View | None]]:
     """Record a car, and show it in a file or a viewer, where that is asked for.
 
@@ -91,15 +84,15 @@ def observe(
     """
     recorder, shown = None, None
     with contextlib.ExitStack() as stack:
-        if record is not None:
+        if to.record is not None:
             when_full: Literal["wait", "drop"] = "wait" if known else "drop"
             options: dict[str, Any] = {"when_full": when_full, "report": report, "whole": whole}
-            recorder = stack.enter_context(Recorder(record, car.runner, **options))
+            recorder = stack.enter_context(Recorder(to.record, car.runner, **options))
             car.observers.append(recorder)
-        if rrd is not None or view:
+        if to.rrd is not None or to.view:
             from ndtorch_robot.view import View, open_stream
 
-            stream = open_stream(name, rrd, view, known.get("plan"))
+            stream = open_stream(name, to.rrd, to.view, known.get("plan"))
             shown = stack.enter_context(View(stream, car.runner, report, bool(known), **known))
             car.observers.append(shown)
         yield recorder, shown

@@ -16,22 +16,18 @@ class StepThread(Closing):
     Args:
         size: items that may wait.
         when_full: `"drop"` the new item, keep the `"newest"` alone, or `"wait"`, for a simulation or a replay.
-        poll_s: seconds between two calls of `idle` at most.
 
-    `patience` are the seconds for which `close` waits at most: one that hangs is left behind.
+    `close` waits for `patience` seconds at most: one that hangs is left behind. `idle` is called every `poll_s`
+    seconds, or oftener.
     """
 
     patience: float | None = None
+    poll_s: float | None = None
 
     def __init__(
-        self,
-        name: str,
-        size: int,
-        when_full: Literal["drop", "newest", "wait"] = "drop",
-        report: Report | None = None,
-        poll_s: float | None = None,
+        self, name: str, size: int, when_full: Literal["drop", "newest", "wait"] = "drop", report: Report | None = None
     ) -> None:
-        self.name, self.when_full, self.report_failure, self.poll_s = name, when_full, report, poll_s
+        self.name, self.when_full, self.report_failure = name, when_full, report
         self.queue: queue.Queue[Any] = queue.Queue(size)
         self.dropped, self.failed = 0, ""  # number of items that were not handled, and why it has ended
         self.thread = threading.Thread(target=self.run, name=name, daemon=True)

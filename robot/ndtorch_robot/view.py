@@ -37,13 +37,13 @@ QUEUE, PICTURES_PER_SECOND, MAP_EVERY = 30, 10, 2.0
 """Steps that may wait, pairs of frames a second that are shown, and seconds between two maps and paths."""
 
 STRIDE, FAINT, CELLS = 0.1, 0.04, 20_000
-"""Metres between points of a path; part of the largest cell from which cells are shown, and the most that are."""
+"""Metres between points of a path; part of the largest cell from which cells are shown; the most that are."""
 
 BOARD = ("armed", "faults", "battery_v", "rejected")
 """Telemetry that is shown as text."""
 
 UNREAD, THICK = 40, 4
-"""Grey of what is not in the strips, and rows above and below a row that is read alone, so that it can be seen."""
+"""Grey of what is not in the strips, and rows above and below a row that is read alone, to be seen."""
 
 BLUE, RED, GREY, YELLOW, PURPLE, GREEN = (
     (0, 114, 178), (213, 94, 0), (90, 90, 90), (240, 228, 66), (204, 121, 167), (0, 158, 115),
@@ -209,7 +209,7 @@ class View(StepThread):
 
 
 def whole_frame(frame: Tensor | Strips, field: Rect, rig: StereoRig) -> npt.NDArray[np.uint8]:
-    """A frame `[1, C, H, W]` as `[H, W, 3]` uint8, or strips in their places, where the row is drawn thicker."""
+    """A frame `[1, C, H, W]` as `[H, W, 3]` uint8, or strips in their places, the row drawn thicker."""
 
     def pixels(part: Tensor) -> npt.NDArray[np.uint8]:
         bytes_ = part if part.dtype == torch.uint8 else (part.clamp(0, 1) * 255).round().byte()

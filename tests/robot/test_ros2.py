@@ -25,9 +25,11 @@ from tests.robot.support.cars import known_step
 class Held(StepThread):
     """Takes a step, and the next one when it is let go."""
 
+    poll_s = 0.01
+
     def __init__(self, lines):
         self.steps, self.go, self.closed, self.polls = [], threading.Event(), 0, 0
-        super().__init__("held", 1, "newest", lines.append, 0.01)
+        super().__init__("held", 1, "newest", lines.append)
 
     def handle(self, item):
         self.steps.append(item)

@@ -14,10 +14,11 @@ import tyro
 
 from ndtorch.cli.command_run import INCOMPLETE
 from ndtorch.errors import InputError
+from ndtorch_robot.config import Recorded
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Recorded):
     """Drive a car: cameras, navigator, safety layer and board, in real time.
 
     The car stands until the key g is pressed (or SIGUSR1 comes); any other key is an emergency stop. SIGINT and
@@ -30,16 +31,10 @@ class Run:
     """Time after which the drive ends, in s (default: on SIGTERM)."""
     go: bool = False
     """Drive off without waiting for the key."""
-    record: Path | None = None
-    """New file for a recording, NAME.mcap, for `ndtorch replay`, Foxglove and ROS 2."""
     whole_frames: bool = False
     """Record whole frames instead of what navigation reads of them."""
     save_map: Path | None = None
     """Folder for the map at the end, if navigation.map_half_size_m is above 0."""
-    rrd: Path | None = None
-    """File for the rerun viewer."""
-    view: str = ""
-    """Running rerun viewer to which the drive is sent, ADDRESS or ADDRESS:PORT."""
     json: bool = False
     """Print the summary as one JSON object, and nothing else on stdout."""
 
@@ -73,10 +68,8 @@ class Run:
                 stack.callback(folder.discard)
             car = stack.enter_context(open_car(config, report, self.go))
             stack.enter_context(emergency_stops(car.safe, car.ended))
-            name = f"run {self.config.stem}"
-            recorder, view = stack.enter_context(
-                observe(car, name, self.record, self.rrd, self.view, printed, self.whole_frames)
-            )
+            observed = observe(car, f"run {self.config.stem}", self, printed, self.whole_frames)
+            recorder, view = stack.enter_context(observed)
             if view is not None:
                 reports.append(view.report)
             car.observers.append(path)

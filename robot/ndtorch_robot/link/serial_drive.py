@@ -45,14 +45,7 @@ class SerialDrive(LinkDrive):
 
     port: serial.Serial | None
 
-    def __init__(
-        self,
-        device: str,
-        baud: int = 500_000,
-        board_name: str | None = None,
-        report: Report = print,
-        greeting: float = GREETING,  # seconds to wait for the first welcome
-    ) -> None:
+    def __init__(self, device: str, baud: int = 500_000, board_name: str | None = None, report: Report = print) -> None:
         self.device, self.baud, self.closing = device, baud, threading.Event()
         super().__init__(open_port(device, baud), time.monotonic, board_name, report)
         works = (self.listen, self.supervise)
@@ -60,7 +53,7 @@ class SerialDrive(LinkDrive):
         for thread in self.threads:
             thread.start()
         try:
-            end = time.monotonic() + greeting
+            end = time.monotonic() + GREETING
             while not self.welcomed.wait(0.02):
                 if self.refusal is not None:
                     raise InputError(f"{device}: {self.refusal}")

@@ -18,19 +18,12 @@ Array = Any
 
 @jit
 def rasterise(
-    corners: Array,
-    surface: Array,
-    texels: Array,
-    mipmaps: Array,
-    cameras: Array,
-    parts: Array,
-    reach: tuple[float, float],
-    out: Array,
+    corners: Array, surface: Array, texels: Array, mipmaps: Array, views: Array, parts: Array, reach: Array, out: Array
 ) -> None:
     """Draw parts of frames of textured or plain triangles with trilinear mipmaps, as far as `reach`, m, goes.
 
     Args:
-        corners, cameras: see `visible_triangles`, `[N, 3, 5]` and `[C, 4, 3]`.
+        corners, views: see `visible_triangles`, `[N, 3, 5]` and `[C, 4, 3]`.
         surface: `[N]` int32: number of the texture, or -1 less a color of 24 bits.
         texels: `[T]` uint32: red, green, blue from the lowest byte; each mipmap has a border of one texel.
         mipmaps: of each texture, `[P, L, 3]` int32: where it begins, its width and its height in texels.
@@ -44,7 +37,7 @@ def rasterise(
     for k in range(parts.shape[0]):
         camera, top, bottom, left, right, start = parts[k]
         if camera != aimed:
-            count, aimed = visible_triangles(corners, cameras[camera], reach[0], triangle, number), camera
+            count, aimed = visible_triangles(corners, views[camera], reach[0], triangle, number), camera
         few = 0
         for n in range(count):
             if bounds(triangle[n], (top, bottom, left, right), reach, rows[few], ends[few]):
@@ -72,7 +65,7 @@ def rasterise(
 
 @jit
 def shade(triangle: Array, column: int, row: int, texels: Array, mipmaps: Array, color: Array) -> None:
-    """The color `[3]` of a pixel, between the two mipmaps whose texels are about as large as it is, and a half."""
+    """The color `[3]` of a pixel, between the two mipmaps whose texels are about as large, and a half."""
     depth, across, up = triangle[3], triangle[4], triangle[5]
     far = 1 / (depth[0] * column + depth[1] * row + depth[2])
     u = (across[0] * column + across[1] * row + across[2]) * far
@@ -104,7 +97,7 @@ def add_bilinear(u: float, v: float, texels: Array, mipmap: Array, weight: float
 
 @jit
 def visible_triangles(corners: Array, camera: Array, near: float, out: Array, number: Array) -> int:
-    """Project the triangles that face a camera and lie partly ahead of it, at `near`; returns how many, and `number`.
+    """Project the triangles that face a camera and lie partly ahead of `near`; returns how many.
 
     `corners` `[N, 3, 5]` are x, y, z and texture coordinates, counter-clockwise from the front. `camera` `[4, 3]` is
     its position, and the factors of an offset from it that give column times depth, row times depth, and depth. `out`

@@ -28,7 +28,7 @@ DOOR_SPACING, DOOR_WIDTH, NICHE = 1.308, 0.91, 0.10
 """Metres between neighbouring doors, as measured in the hallway of [A §2.3], their width, and depth of their niches."""
 
 LEG, PLATE, INSET = 0.03, 0.03, 0.05
-"""Width of the legs of chairs and tables, thickness of seats and tops, and distance of legs from the edges, m."""
+"""Width of the legs of chairs and tables, thickness of seats and tops, distance of legs from edges, m."""
 
 STAIR = 0.9
 """Distance of a straight wall from the corners of the pixels of a map, at most, in pixels."""
@@ -388,7 +388,7 @@ def rectangle(at: Four, longest: float = 0.0, shortest: float = 0.0) -> Box:
 
 
 def load_arena(name: str, seed: int = 0) -> Plan:
-    """The plan of an arena by name, of a file that ends in `.toml`, or of a map of ROS that ends in `.yaml`."""
+    """The plan of an arena by name, of a `.toml` file, or of a map of ROS, a `.yaml` file."""
     if name in FLOORS:
         return replace(FLOORS[name](seed), name=name, floor=cast("Pattern", name))
     if name in BUILDINGS | FURNISHED:

@@ -41,7 +41,7 @@ class Ring:
 
     @property
     def stops(self) -> bool:
-        """Whether a car cannot drive here: it hangs too low to pass below, and lies too high to drive over."""
+        """Whether it hangs too low for a car to pass below, and lies too high to drive over."""
         return self.bottom < OVERHEAD and (self.height is None or self.height > DRIVEN_OVER)
 
     @cached_property

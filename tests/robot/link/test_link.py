@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict, read_toml
-from ndtorch_robot.link import LINKS, Opening, link, open_link
+from ndtorch_robot.link import LINKS, Opening, link, open_link, serial_drive
 from ndtorch_robot.link.link_drive import LinkDrive
 from ndtorch_robot.link.messages import (
     BODY_SIZE,
@@ -278,7 +278,7 @@ def test_a_round_trip_is_the_time_from_a_heartbeat_to_its_echo():
 def open_with(answer, **options):
     peer = Peer(answer)
     try:
-        SerialDrive(peer.device, greeting=0.6, **options).close()
+        SerialDrive(peer.device, **options).close()
     finally:
         peer.close()
 
@@ -294,7 +294,9 @@ def test_what_cannot_be_opened(tmp_path):
     peer.close()
 
 
-def test_boards_that_do_not_answer_as_they_must():
+def test_boards_that_do_not_answer_as_they_must(monkeypatch):
+    monkeypatch.setattr(serial_drive, "GREETING", 0.6)
+
     def garbled(frame):
         os.write(peer.end, b"\xfe\x9c\x11\x00\xe0\xfe")
         return []
@@ -303,7 +305,7 @@ def test_boards_that_do_not_answer_as_they_must():
         open_with(lambda frame: [])
     peer = Peer(garbled)
     with pytest.raises(InputError, match=r"bytes came but no valid frame; is 115200 baud right"):
-        SerialDrive(peer.device, 115200, greeting=0.6)
+        SerialDrive(peer.device, 115200)
     peer.close()
     with pytest.raises(InputError, match="speaks version 2 of the protocol, this program 1"):
         open_with(lambda frame: board(frame, version=2))
