@@ -1,4 +1,4 @@
-"""One thread and fixed seeds for every test: two threads collapse when the other core is busy."""
+"""One thread, fixed seeds and no signals for every test: two threads collapse when the other core is busy."""
 
 import os
 import signal
@@ -10,15 +10,18 @@ import pytest
 import torch
 from _pytest.runner import runtestprotocol
 
+from ndtorch.utils.signals import CAME
 from tests.films import Films, shared_folder
 
 torch.set_num_threads(1)
 
 
 @pytest.fixture(autouse=True)
-def fixed_seed() -> None:
-    """The same random numbers whatever ran before."""
+def fresh_start():
+    """The same random numbers whatever ran before, and no signal that came to another test."""
     torch.manual_seed(0)
+    yield
+    CAME.clear()
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -103,6 +104,7 @@ def program() -> int:
         # It came before there was a command, or after it.
         print(NOTHING_KEPT, file=sys.stderr)
         code = INTERRUPTED
+    gc.freeze()  # the interpreter would look through all objects of torch and numba at its end: a second
     return 128 + came[0] if code == INTERRUPTED and came else code
 
 

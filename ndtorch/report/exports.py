@@ -129,7 +129,8 @@ def write_table(columns: Mapping[str, Sequence[Any]], path: Path, digits: str = 
         import pyarrow
         import pyarrow.parquet
 
-        pyarrow.parquet.write_table(pyarrow.table(dict(columns)), path)
+        arrays = {name: arrow(column) for name, column in columns.items()}
+        pyarrow.parquet.write_table(pyarrow.table(arrays), path)
 
 
 FORMATS: dict[str, Callable[[TrackRecord, Path], None]] = {
@@ -141,19 +142,22 @@ FORMATS: dict[str, Callable[[TrackRecord, Path], None]] = {
 """What writes each file; for another format add its function here."""
 
 
-def arrow(kind: str, values: Array, valid: Array | None = None, offsets: Array | None = None) -> Any:
-    """An array of pyarrow, without its conversions, which import pandas: one or two seconds.
+def arrow(values: Any, valid: Array | None = None) -> Any:
+    """Numbers or texts as an array of pyarrow, without its conversions, which import pandas: one or two seconds.
 
     Args:
-        values: numbers, or the bytes of texts, which end at `offsets`.
         valid: which are not null; None for all.
     """
     import pyarrow
 
+    values = np.asarray(values)
+    kind, parts, length = values.dtype.name, [values], values.size
+    if values.dtype.kind == "U":
+        texts = [text.encode() for text in values.tolist()]
+        offsets = np.cumsum([0, *map(len, texts)], dtype=np.int32)
+        kind, parts = "string", [offsets, np.frombuffer(b"".join(texts), np.uint8)]
     bits = None if valid is None else np.packbits(valid, bitorder="little")
-    parts = [bits, *([] if offsets is None else [offsets]), values]
-    buffers = [None if part is None else pyarrow.py_buffer(np.ascontiguousarray(part)) for part in parts]
-    length = values.size if offsets is None else len(offsets) - 1
+    buffers = [None if part is None else pyarrow.py_buffer(np.ascontiguousarray(part)) for part in (bits, *parts)]
     return pyarrow.Array.from_buffers(getattr(pyarrow, kind)(), length, buffers)
 
 
@@ -172,7 +176,7 @@ class ResponseFile(Watcher):
         fields = [(f"{kind}_{name}", single) for kind in ("input", "output") for name in names]
         fields += [("count", pyarrow.int32()), ("confidence", pyarrow.float64()), ("objects", pyarrow.string())]
         self.model, self.read_at = model, -math.inf
-        self.found: tuple[int, float | None, bytes] = (0, None, b"")
+        self.found: tuple[int, float | None, str] = (0, None, "")
         self.schema = pyarrow.schema([("time", pyarrow.float64()), *fields, ("weights", pyarrow.list_(single, 100))])
         self.writer = pyarrow.parquet.ParquetWriter(path, self.schema)
 
@@ -185,22 +189,21 @@ class ResponseFile(Watcher):
                 each = signals.fields if values is None else values
                 whole = each if each.ndim == 2 else each.flatten(1, -2).amax(1)
                 columns += list(whole.cpu().float().numpy().T)
-            arrays = [arrow("float64", times), *(arrow("float32", values) for values in columns)]
+            arrays = [arrow(times), *map(arrow, columns)]
             if times[-1] >= self.read_at + 1.0:  # it takes milliseconds
                 things = self.model.visible_objects(state)
-                self.found = len(things), self.model.confidence(state), "; ".join(map(words, things)).encode()
+                self.found = len(things), self.model.confidence(state), "; ".join(map(words, things))
                 self.read_at = times[-1]
             count, sure, text = self.found
-            offsets = np.arange(steps + 1, dtype=np.int32) * len(text)
             arrays += [
-                arrow("int32", np.full(steps, count, np.int32)),
-                arrow("float64", np.full(steps, sure or 0.0), np.full(steps, sure is not None)),
-                arrow("string", np.frombuffer(text * steps, np.uint8), offsets=offsets),
+                arrow(np.full(steps, count, np.int32)),
+                arrow(np.full(steps, sure or 0.0), np.full(steps, sure is not None)),
+                arrow([text] * steps),
             ]
             matrices = np.zeros((steps, 100), np.float32)
             matrices[-1] = weights.cpu().float().flatten().numpy()
             last = np.packbits(np.arange(steps) == steps - 1, bitorder="little")
-            nested, single = self.schema.types[-1], arrow("float32", matrices)
+            nested, single = self.schema.types[-1], arrow(matrices)
             arrays.append(pyarrow.Array.from_buffers(nested, steps, [pyarrow.py_buffer(last)], children=[single]))
             self.writer.write_table(pyarrow.Table.from_arrays(arrays, schema=self.schema))
 

@@ -67,7 +67,7 @@ class EnhancedVideo(Film):
 
 
 def draw_overlay(film: Film, tracks: TrackRecord, folder: Path) -> Pixels | None:
-    """Mark the objects in a film of the source, which is removed: overlay.mp4, poster.jpg, the picture with the most of
+    """Mark the objects in a film of the source: overlay.mp4, poster.jpg, the picture with the most of
     them in it, and objects.jpg, the largest view of each object over its number.
 
     Returns:
@@ -97,7 +97,6 @@ def draw_overlay(film: Film, tracks: TrackRecord, folder: Path) -> Pixels | None
                 best, poster = total + len(rows), frame
                 write_jpeg(resized(image, POSTER_SIDE), folder / "poster.jpg")
     overlay.close()
-    film.path.unlink()
     if crops:
         edge, across = CROP_SIDE + 30, min(6, len(crops))
         sheet = np.full((-(-len(crops) // across) * edge, across * edge, 3), 255, np.uint8)

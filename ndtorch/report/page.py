@@ -24,6 +24,7 @@ from ndtorch.report.summary import findings, summary
 from ndtorch.report.tracks import track_record
 from ndtorch.run.result import RunResult
 from ndtorch.utils.files import write_text
+from ndtorch.utils.signals import figures_wanted
 from ndtorch.vision.features import FEATURES
 
 NAME = "report.html"
@@ -161,12 +162,13 @@ def folder_name(name: str) -> str:
 def write_result(
     result: RunResult, about: Mapping[str, Any], folder: Path, chosen: str, film: Film | None = None
 ) -> dict[str, Any]:
-    """Write objects.json and state.safetensors, the figures and films (of owners, or of tracks) and report.html.
+    """Write objects.json and state.safetensors, the figures and films (of owners, or of tracks) and report.html; after
+    SIGTERM without figures.
 
     Args:
         about: what is needed to go on later.
         chosen: the model in words.
-        film: of the source, in which tracks are marked.
+        film: of the source, in which tracks are marked; it is removed.
 
     Returns:
         The contents of objects.json.
@@ -174,13 +176,16 @@ def write_result(
     about = {**about, "frames": about["frames"] + result.frames}
     save_state(result.state, folder / "state.safetensors", {"run": json.dumps(about)})
     tracks = track_record(result) if result.model.tracks else None
-    if tracks is None:
+    if tracks is not None and tracks.boxed:
+        write_exports(tracks, folder)
+    drawn = figures_wanted()
+    if drawn and tracks is None:
         draw_all(result, folder)
-    else:
-        if tracks.boxed:
-            write_exports(tracks, folder)
+    elif drawn and tracks is not None:
         poster = None if film is None else draw_overlay(film, tracks, folder)
         draw_timeline(result, tracks, folder / "timeline.png", poster)
+    if film is not None:
+        film.path.unlink(missing_ok=True)
     found = summary(result, tracks)
     (folder / "objects.json").write_text(json.dumps(found, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     write_run_page(result, folder, chosen)

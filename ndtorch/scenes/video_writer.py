@@ -18,9 +18,6 @@ from ndtorch.utils.packages import need
 CODECS = {".mp4": ("libx264", "yuv420p"), ".mkv": ("ffv1", "bgr0"), ".avi": ("mjpeg", "yuvj420p")}
 """Codec and pixels for each suffix: small and played by every browser, lossless, and editable frame by frame."""
 
-LARGE = 1280 * 720
-"""Pixels of a frame above which H.264 is written quickly, not as small as can be."""
-
 
 class VideoWriter:
     """Writes frames one by one; usable in a `with` statement.
@@ -47,10 +44,10 @@ class VideoWriter:
         options, movie = {}, {}
         if codec == "libx264":
             # The index stands at the beginning, so that a browser plays the film at once. One thread: the frames of a
-            # run come one at a time, and the other core may be busy.
+            # run come one at a time, and the other core may be busy. Slower presets keep 40 frames back, which are
+            # encoded when the film is closed.
             movie = {"movflags": "faststart"}
-            preset = "veryfast" if self.size[0] * self.size[1] > LARGE else "medium"
-            options = {"crf": "20", "threads": "1", "preset": preset}
+            options = {"crf": "20", "threads": "1", "preset": "veryfast"}
         elif codec == "mjpeg":
             options = {"qmin": "2", "qmax": "3"}
         self._av = need("av", "a video file")

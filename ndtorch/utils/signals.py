@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import signal
 from collections.abc import Iterator
 from types import FrameType
@@ -12,6 +13,8 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 CAME: list[int] = []
 """Numbers of the ending signals that came to this program: from then on nobody is waited for who has to read."""
+
+log = logging.getLogger("ndtorch.signals")
 
 NOTHING_KEPT = "stopped before there was anything to keep"
 """What is said then, where nothing was computed."""
@@ -42,3 +45,10 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
     finally:
         for number in taken:
             signal.signal(number, old[number])
+
+
+def figures_wanted() -> bool:
+    """Whether there is time for figures: after SIGTERM there is none, and the log says so."""
+    if signal.SIGTERM in CAME:
+        log.info("SIGTERM: no figures are drawn")
+    return signal.SIGTERM not in CAME

@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import re
+import signal
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,8 +24,11 @@ from ndtorch.report.films import EnhancedVideo, rgb
 from ndtorch.report.page import Shown, Table, write_page
 from ndtorch.report.plots import draw_all
 from ndtorch.report.summary import findings, summary
+from ndtorch.run.batch import bind_source
+from ndtorch.run.options import BindJob
 from ndtorch.run.result import MaskStore, Moment, Picture, RunResult, Trace
 from ndtorch.scenes.video_writer import VideoWriter
+from ndtorch.utils.signals import ended_like_ctrl_c
 from tests.foreground.passing_scenes import ground
 
 RNG = np.random.default_rng(5)
@@ -229,6 +234,22 @@ def test_the_overlay_has_the_boxes_of_the_rows(runs: tuple[Path, Path]) -> None:
                 assert (abs(edge - rgb(color[number])) < 90).all(-1).mean() > 0.1
         if not own:
             assert not (abs(image - rgb("red")) < 60).all(-1).any()
+
+
+def test_after_sigterm_there_are_tables_and_no_figures(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    chunks = count()
+
+    def end_after_five_seconds(frames: int) -> None:
+        if next(chunks) == 12:
+            signal.raise_signal(signal.SIGTERM)
+
+    job = BindJob(source=str(runs[0].parent.parent / "blocks.mkv"))
+    with ended_like_ctrl_c():
+        result, _, files = bind_source(job, tmp_path, begin=lambda *_: end_after_five_seconds)
+    assert result.interrupted
+    tables = {"coco.json", "mot.txt", "objects.json", "responses.parquet", "tracks.csv", "tracks.parquet"}
+    assert {path.name for path in files} == tables | {"report.html", "state.safetensors"}
+    check_same(rows_of(tmp_path / "blocks"), {key: row for key, row in rows_of(runs[0]).items() if key[0] <= 104})
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")

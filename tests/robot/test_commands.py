@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import ndtorch_robot.car
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils import workers
+from ndtorch.utils.signals import ended_like_ctrl_c
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import check_goal
 from ndtorch_robot.sim.arenas import load_arena
@@ -23,12 +25,6 @@ KEYS = {
     *("collisions", "stopped", "simulated_seconds", "wall_seconds", "distance_m", "turns"),
     *("step_ms", "map", "arena", "seed", "controller"),
 }
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Without pictures, for tests of something else: drawing them takes longer than a short drive."""
-    monkeypatch.setattr("ndtorch.report.plots.save", lambda figure, path: None)
 
 
 def test_json(tmp_path, capsys):
@@ -62,17 +58,17 @@ def test_a_map_is_made_and_known_again(tmp_path, capsys):
     assert "map" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_ctrl_c(tmp_path, capsys, monkeypatch):
+def test_sigterm_leaves_the_pictures_out(tmp_path, capsys, monkeypatch):
     step = ndtorch_robot.car.Car.step
 
     def interrupted(self, number, now):
         if number == 20:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGTERM)
         step(self, number, now)
 
     monkeypatch.setattr(ndtorch_robot.car.Car, "step", interrupted)
-    assert main(["drive", "--out", str(tmp_path)]) == 130
+    with ended_like_ctrl_c():
+        assert main(["drive", "--out", str(tmp_path)]) == 130
     assert "(interrupted)" in capsys.readouterr().out
     assert sorted(p.name for p in tmp_path.iterdir()) == [name for name in FILES if name not in PICTURES]
 

@@ -28,7 +28,7 @@ class DriveArena(DriveConfig):
 
     Shows the progress and a summary, and writes report.html with all pictures, summary.json, path.png, map.png,
     map.npz, map.pgm and map.yaml (these two for ROS). Options override the file. Ctrl-C stops the robot and writes all
-    results.
+    results; SIGTERM all but the pictures.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
@@ -73,6 +73,7 @@ class DriveArena(DriveConfig):
 def write_results(result: DriveResult, folder: Path) -> None:
     from ndtorch.report.page import Shown, write_page
     from ndtorch.report.plots import save
+    from ndtorch.utils.signals import figures_wanted
     from ndtorch_robot.drive import FACTS
     from ndtorch_robot.evaluation.plots import map_plot, path_plot
     from ndtorch_robot.navigator_runner import save_runner_map
@@ -80,8 +81,9 @@ def write_results(result: DriveResult, folder: Path) -> None:
     (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
     names = {"true_path": "pose", "believed_path": "believed", "located_path": "located"}
     save_runner_map(folder, result.runner, result.path, **{key: result.record.array(n) for key, n in names.items()})
-    save(path_plot(result), folder / "path.png")
-    save(map_plot(result), folder / "map.png")
+    if figures_wanted():
+        save(path_plot(result), folder / "path.png")
+        save(map_plot(result), folder / "map.png")
     title, *answer = describe(result).splitlines()
     facts = {name: str(result.summary[name]) for name in FACTS}
     shown = [Shown(folder / f"{name}.png", name, words) for name, words in CAPTIONS.items()]

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import torch
+from scipy.signal import find_peaks
+from scipy.spatial import cKDTree
 
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.stereo.features import MatchParams
@@ -74,8 +76,6 @@ def true_edges(plan: Plan, profiles: list[Floats], height: float) -> Edges:
 
 def edge_columns(profile: Floats) -> Floats:
     """Where along a surface its brightness jumps more than in its surroundings, as metres from its start."""
-    from scipy.signal import find_peaks
-
     step = round(WITHIN * ALONG / 2)
     change = np.abs(profile[2 * step :] - profile[: -2 * step])
     jumps, _ = find_peaks(np.pad(change, 1), height=CONTRAST, distance=3 * step + 1)
@@ -144,8 +144,6 @@ def score_map(
 
 def nearest(points: Floats, targets: Floats) -> Floats:
     """Distance of points `[N, 2]` to the nearest of targets `[M, 2]`."""
-    from scipy.spatial import cKDTree
-
     return np.asarray(cKDTree(targets).query(points)[0]) if len(targets) else np.full(len(points), np.inf)
 
 
