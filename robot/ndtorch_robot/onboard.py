@@ -15,6 +15,7 @@ from ndtorch.navigation.mapping.certainty import BEYOND_SIGHT, REACH, beam_table
 from ndtorch.navigation.stereo.ranging import StereoRanging
 from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.vision.nondirectional import SPEED_SCALE
+from ndtorch_robot.run_config import read_run_config
 
 FARTHEST = 2.2
 """Range at which the places of a beam lie half a cell apart, m, as in `GridMap`."""
@@ -91,13 +92,6 @@ def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
     return "\n".join([*lines, "#endif", "", "#endif", ""])
 
 
-def main(arguments: list[str]) -> None:
-    """Write `params.h` for a configuration, by default for the car of [A], to stdout."""
-    from ndtorch_robot.run_config import read_run_config
-
-    config = read_run_config(Path(arguments[0] if arguments else "maxstone8"))
-    sys.stdout.write(onboard_params(config.stereo_rig, 1 / config.rate_hz))
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    config = read_run_config(Path(sys.argv[1] if len(sys.argv) > 1 else "maxstone8"))
+    sys.stdout.write(onboard_params(config.stereo_rig, 1 / config.rate_hz))

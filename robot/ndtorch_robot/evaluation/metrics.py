@@ -139,19 +139,15 @@ def score_map(
     error = nearest(wanted, tops)
     hit = error <= NEAR
     position = float(np.median(error[hit])) * 100 if hit.any() else None
-    return MapScore(precision, float(hit.mean()), position, spacing_error(plan, tops), surfaces)
+    gaps: list[float] = []  # between peaks at the same corner of neighbouring doors
+    for corners in plan.doors:
+        distance = np.hypot(*(np.array(corners)[:, None] - tops).transpose(2, 0, 1))
+        good = distance.min(1) <= NEAR
+        gaps += np.hypot(*np.diff(tops[distance.argmin(1)], axis=0).T)[good[1:] & good[:-1]].tolist()
+    spacing = abs(float(np.median(gaps)) / math.dist(*plan.doors[0][:2]) - 1) * 100 if gaps else None
+    return MapScore(precision, float(hit.mean()), position, spacing, surfaces)
 
 
 def nearest(points: Floats, targets: Floats) -> Floats:
     """Distance of points `[N, 2]` to the nearest of targets `[M, 2]`."""
     return np.asarray(cKDTree(targets).query(points)[0]) if len(targets) else np.full(len(points), np.inf)
-
-
-def spacing_error(plan: Plan, tops: Floats) -> float | None:
-    """Error in percent of the median distance between peaks at the same corner of neighbouring doors."""
-    gaps: list[float] = []
-    for row in plan.doors:
-        distance = np.hypot(*(np.array(row)[:, None] - tops).transpose(2, 0, 1))
-        good = distance.min(1) <= NEAR
-        gaps += np.hypot(*np.diff(tops[distance.argmin(1)], axis=0).T)[good[1:] & good[:-1]].tolist()
-    return abs(float(np.median(gaps)) / math.dist(*plan.doors[0][:2]) - 1) * 100 if gaps else None

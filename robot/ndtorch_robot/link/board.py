@@ -175,8 +175,8 @@ class Board:
             self.commanded = self.ms
             if self.armed:
                 speed, curvature = COMMAND_BODY.unpack(frame.body)
-                self.target_speed = clip(speed, s.max_speed_mm_s)
-                self.target_curvature = clip(curvature, s.max_curvature_1_km)
+                self.target_speed = min(max(speed, -s.max_speed_mm_s), s.max_speed_mm_s)
+                self.target_curvature = min(max(curvature, -s.max_curvature_1_km), s.max_curvature_1_km)
             return b""
         if frame.type == Type.HEARTBEAT:
             self.beaten, self.echo = self.ms, frame.sequence
@@ -251,7 +251,3 @@ class Board:
     def answer(self, kind: Type, body: bytes) -> bytes:
         self.sequence, self.told = self.sequence + 1 & 0xFFFF, self.ms
         return encode_frame(LinkFrame(VERSION, kind, self.sequence, body))
-
-
-def clip(value: int, most: int) -> int:
-    return min(max(value, -most), most)

@@ -15,8 +15,6 @@ from ndtorch_robot.ports import DriveCommand
 
 FIRMWARE = folder_of("ndtorch_robot", "firmware")
 
-SOURCES = ("sim/hosted.c", "protocol.c", "drive.c")
-
 BUFFER_BYTES, SIGNAL_LOST = 8192, 0.1
 """Bytes of answers of one call, and seconds without pulses after which servos and motor controllers stop."""
 
@@ -36,7 +34,7 @@ class FirmwareHost:
             raise InputError("the board's code has to be compiled for this computer, and there is no C compiler (cc)")
         with tempfile.TemporaryDirectory(prefix="board-") as folder:
             made = Path(folder) / "board.so"
-            sources = [str(FIRMWARE / name) for name in SOURCES]
+            sources = [str(FIRMWARE / name) for name in ("sim/hosted.c", "protocol.c", "drive.c")]
             command = [compiler, "-std=c11", "-O1", "-shared", "-fPIC", "-o", str(made), *sources]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode != 0:
