@@ -130,28 +130,6 @@ def test_quiet_prints_errors_alone(clip: Path, tmp_path: Path, capsys: pytest.Ca
     refused(["bind", "four-bars", "-q", "--out", str(tmp_path)], capsys, "four-bars")
 
 
-def test_help_shows_what_options_take(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["bind", "--help"])
-    assert ended.value.code == 0
-    text = capsys.readouterr().out
-    for words in ("SOURCE", "--out DIR", "--seconds SECONDS", "--fit {crop,stretch}", "--quiet"):
-        assert words in text
-    assert "default: None" not in text
-    assert "(default: two-bars)" in " ".join(text.replace("│", " ").split())
-
-
-def test_help_and_scenes_answer_before_torch_is_there(tmp_path: Path) -> None:
-    program = (
-        "import sys\nfrom ndtorch.cli.commands import main\n"
-        "from ndtorch.cli import Bind, Render, Scenes\n"
-        "Scenes().run()\nprint([n for n in ('torch', 'cv2', 'matplotlib') if n in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=tmp_path)
-    assert "two-bars-random" in done.stdout
-    assert done.stdout.splitlines()[-1] == "[]"
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     short = ["bind", "two-bars", "--set", "settle=0.3", "--pictures", "5"]

@@ -1,26 +1,17 @@
-"""Configurations, and names of units: options and keys say their unit where it is none of the usual ones."""
+"""Configurations: constants, what is refused by name, saving and loading."""
 
 from __future__ import annotations
 
-import ast
-import inspect
-import itertools
-import re
 import shutil
-import textwrap
-from collections.abc import Iterator
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 import torch
-from pydantic import BaseModel
 from safetensors.torch import load_file
 
 import ndtorch
 from ndtorch.binding import FirstStage, PublishedModel, spectral_radius
 from ndtorch.binding.models.whole_field import PublishedConfig
-from ndtorch.cli.commands import GROUP
 from ndtorch.config import ModelConfig, config_text, with_options
 from ndtorch.errors import InputError
 from ndtorch.loading import KINDS, model_folder, model_kind
@@ -28,7 +19,6 @@ from ndtorch.utils.files import save_tensors
 from ndtorch.utils.tensors import leaves
 from ndtorch.utils.toml import check, toml_values
 from ndtorch.vision import GROUPS
-from ndtorch_robot.run_config import NavigationTable, RunConfig
 
 CONFIGS = [kind.config_type for kind in KINDS.values()]
 
@@ -103,49 +93,6 @@ def test_errors_name_the_file_the_key_and_the_value(tmp_path: Path, text: str, m
     with pytest.raises(InputError, match=message) as caught:
         check(toml_values(path), PublishedConfig, "x")
     assert "\n" not in str(caught.value)
-
-
-UNFINISHED = re.compile(r"^(and|their|its|the same|or|which|if|where)\b|,$", re.IGNORECASE)
-
-
-def described() -> Iterator[tuple[str, str]]:
-    """Name and description of every key of a file and every option of a command."""
-    for table in (*CONFIGS, RunConfig):
-        for part in tables(table):
-            yield from ((f"{part.__name__}.{name}", f.description or "") for name, f in part.model_fields.items())
-    yield from documented(NavigationTable)
-    for point in entry_points(group=GROUP):
-        if point.value.startswith("ndtorch"):
-            try:
-                kind = point.load()
-            except ImportError:  # a command that is registered by another version
-                continue
-            for part in kind.__mro__[:-1]:
-                yield from ((f"{point.name} --{name}", text) for name, text in documented(part))
-
-
-def tables(table: type[BaseModel]) -> Iterator[type[BaseModel]]:
-    yield table
-    for field in table.model_fields.values():
-        parts = (field.annotation, *getattr(field.annotation, "__args__", ()))
-        for part in parts:
-            if isinstance(part, type) and issubclass(part, BaseModel):
-                yield from tables(part)
-
-
-def documented(command: type) -> Iterator[tuple[str, str]]:
-    """Name and help of the fields of a class."""
-    body = ast.parse(textwrap.dedent(inspect.getsource(command))).body[0]
-    assert isinstance(body, ast.ClassDef)
-    for field, text in itertools.pairwise(body.body):
-        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
-            yield ast.unparse(field.target), str(text.value.value)
-
-
-def test_every_description_can_be_read_alone() -> None:
-    every = [(name, text) for name, text in described() if text]
-    assert len(every) > 100
-    assert [(name, text) for name, text in every if UNFINISHED.search(text)] == []
 
 
 NAMES = ("published", "scale-free", "retinotopic", "foreground")
@@ -225,11 +172,6 @@ def test_a_trained_first_stage_takes_the_place_of_the_folders() -> None:
         assert torch.equal(weights[GROUPS["color"], GROUPS["color"]], parts[2])
     with pytest.raises(InputError, match="foreground has no option first_stage; published, scale-free"):
         ndtorch.load("foreground", first_stage=stage)
-
-
-def test_an_unknown_name_is_refused() -> None:
-    with pytest.raises(InputError, match=r"model must be .*published.*; got 'publish'; did you mean published\?"):
-        ndtorch.load("publish")
 
 
 @pytest.mark.parametrize("name", list(GROUPS))

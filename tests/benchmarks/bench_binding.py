@@ -27,7 +27,7 @@ TRIALS = 256
 
 
 def rows(device: str | None = None) -> list[Row]:
-    found = [*network_rows("cpu"), *model_rows(), figures_row(), *job_rows(), *process_rows()]
+    found = [*network_rows("cpu"), *model_rows(), *job_rows(), *process_rows()]
     if device is not None:
         found += network_rows(device, 1024)
     return found
@@ -132,34 +132,6 @@ def model_rows(rounds: int = 7) -> list[Row]:
             )
         )
     return found
-
-
-def figures_row(rounds: int = 3) -> Row:
-    """The model foreground on 60 uint8 frames of 768x432: two things that cross over noise."""
-    ground = torch.randint(60, 120, (3, 432, 768), dtype=torch.uint8)
-    film = ground.repeat(60, 1, 1, 1)
-    for n, frame in enumerate(film):
-        frame[0, 100:180, 8 * n : 8 * n + 90] = 220
-        frame[2, 240:320, 678 - 8 * n : 768 - 8 * n] = 220
-    model, found = ndtorch.load("foreground", size=(432, 768), fps=30.0), []
-    with torch.inference_mode():
-        for _ in range(rounds + 1):
-            state, spent, one = None, 0.0, 0.0
-            for frames in film.split(10):
-                start = time.thread_time()
-                _, state = model(frames, state)
-                middle = time.thread_time()
-                reference()
-                spent, one = spent + middle - start, one + time.thread_time() - middle
-            found.append((spent / len(film), 10 * one / len(film)))
-    whole, one = (statistics.median(times) for times in zip(*found[1:], strict=True))
-    return Row(
-        "figures: a frame of 768x432",
-        f"{1e3 * whole:.2f} ms",
-        f"real time at 30 frames/s; transform {1e6 * one:.0f} us",
-        f"{1 / 30 / whole:.1f}x; {whole / one:.1f} transforms",
-        whole / one,
-    )
 
 
 def job_rows() -> list[Row]:

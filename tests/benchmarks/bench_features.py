@@ -1,19 +1,17 @@
-"""The ten features beside what one would write with NumPy, with SciPy's FFT or with OpenCV's filters."""
+"""The ten features beside what one would write with NumPy and SciPy's FFT."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-import cv2
 import numpy as np
 import scipy.fft
 import torch
 
 from ndtorch.arguments import set_backend
-from ndtorch.binding import ObjectFiles
 from ndtorch.scenes import two_bars
-from ndtorch.vision import GROUPS, LocalFeatures, VisualFeatures
+from ndtorch.vision import GROUPS, VisualFeatures
 from ndtorch.vision.motion import MotionState
 from tests.benchmarks.timing import Row, in_turn
 
@@ -34,18 +32,13 @@ def kernels(size: int) -> Array:
 
 
 class NumpyFeatures:
-    """Ten sums of one frame `[3, H, W]` after the other. `filters` is "fft" (SciPy) or "filter2d" (OpenCV)."""
+    """Ten sums of one frame `[3, H, W]` after the other."""
 
-    def __init__(self, size: int, filters: str, dt: float = 0.01) -> None:
+    def __init__(self, size: int, dt: float = 0.01) -> None:
         self.a_high, self.a_low = dt / (0.5 + dt), dt / (0.05 + dt)
         self.slow: Array | None = None
         self.delayed: Array | None = None
-        self.filters = filters
-        if filters == "fft":
-            self.spectrum = scipy.fft.rfft2(np.fft.ifftshift(kernels(size), axes=(-2, -1)))
-        else:
-            # Three sigma: beyond that the kernels are empty.
-            self.kernels = [np.ascontiguousarray(k[::-1, ::-1]) for k in kernels(133)]
+        self.spectrum = scipy.fft.rfft2(np.fft.ifftshift(kernels(size), axes=(-2, -1)))
 
     def __call__(self, frame: Array) -> Array:
         grey = frame.mean(0)
@@ -59,12 +52,7 @@ class NumpyFeatures:
             signed = np.roll(high, -1, axis) * self.delayed - high * np.roll(self.delayed, -1, axis)
             sums += [-signed[signed < 0].sum(), signed[signed > 0].sum()]
         left, right, up, down = sums
-        if self.filters == "fft":
-            responses = scipy.fft.irfft2(scipy.fft.rfft2(grey) * self.spectrum, s=grey.shape)
-        else:
-            padded = cv2.copyMakeBorder(grey, 66, 66, 66, 66, cv2.BORDER_WRAP)
-            inner = (slice(66, -66), slice(66, -66))
-            responses = np.stack([cv2.filter2D(padded, -1, kernel)[inner] for kernel in self.kernels])
+        responses = scipy.fft.irfft2(scipy.fft.rfft2(grey) * self.spectrum, s=grey.shape)
         oriented = np.abs(responses).sum((1, 2))
         return np.array([left, right, down, up, *oriented, *frame.sum((1, 2))], dtype=np.float32)
 
@@ -73,11 +61,10 @@ TITLE = "Ten features of a 500x500 frame (two moving bars)"
 
 
 def rows(device: str | None = None) -> list[Row]:
-    cv2.setNumThreads(1)
     frames = torch.cat(list(two_bars(seconds=0.4).chunks(8)))
     arrays = [frame.numpy() for frame in frames]
     fast, exact = VisualFeatures(), VisualFeatures(exact=True)
-    fft, filter2d = NumpyFeatures(500, "fft"), NumpyFeatures(500, "filter2d")
+    fft = NumpyFeatures(500)
     with torch.inference_mode():
         quick, state = fast(frames)
         full, _ = exact(frames)
@@ -87,45 +74,30 @@ def rows(device: str | None = None) -> list[Row]:
         agree = ((full - reference).abs() / reference.abs().clamp_min(1e-3))[5:].max()
         chunk = frames[8:16]
         as_bytes = (chunk * 255).round().to(torch.uint8)
-        local = LocalFeatures(fast)
-        binding = ObjectFiles(local.grid, local.spacing)
-        signals, seen = local(chunk, state)
-        _, files = binding(signals)
         jobs = {
             "fast": lambda: fast(chunk, state),
             "bytes": lambda: fast(as_bytes, state),
             "torch": lambda: without_kernels(fast, chunk, state),
             "exact": lambda: exact(chunk, state),
-            "local": lambda: local(chunk, seen),
-            "files": lambda: binding(signals, files),
             "fft": lambda: [fft(array) for array in arrays[8:16]],
-            "filter2d": lambda: [filter2d(array) for array in arrays[8:10]],
         }
         times = in_turn(jobs, rounds=15, repeat=2)
-    per_frame = {name: seconds / (2 if name == "filter2d" else 8) for name, seconds in times.items()}
+    per_frame = {name: seconds / 8 for name, seconds in times.items()}
     ms = {name: f"{1e3 * seconds:.2f} ms" for name, seconds in per_frame.items()}
     found = [
         Row(
             f"features{name}",
             ms[ours],
-            f"NumPy + {other} {ms[theirs]}",
-            f"{per_frame[theirs] / per_frame[ours]:.1f}x",
-            per_frame[ours] / per_frame["fft"] if theirs == "fft" else None,
+            f"NumPy + scipy.fft {ms['fft']}",
+            f"{per_frame['fft'] / per_frame[ours]:.1f}x",
+            per_frame[ours] / per_frame["fft"],
         )
         for ours, name in (("fast", ""), ("bytes", " of uint8"), ("torch", " without kernels"))
-        for theirs, other in (("fft", "scipy.fft"), ("filter2d", "cv2.filter2D"))
     ]
     found += [
         Row(
             "features, exact=True", ms["exact"], f"fast {ms['fast']}", f"{per_frame['exact'] / per_frame['fast']:.1f}x"
         ),
-        Row(
-            "the same in 16x16 receptive fields",
-            ms["local"],
-            f"fast {ms['fast']}",
-            f"{per_frame['local'] / per_frame['fast']:.1f}x",
-        ),
-        Row("retinotopic binding of those", ms["files"], "10 ms of signal", f"{0.01 / per_frame['files']:.0f}x"),
         Row("largest error of a fast sum", f"{100 * float(error):.2f} %", "exact", ""),
         Row("largest difference of an exact sum", f"{100 * float(agree):.3f} %", "NumPy + scipy.fft", ""),
     ]

@@ -23,7 +23,6 @@ from ndtorch.report.exports import STATES, ResponseFile
 from ndtorch.report.films import EnhancedVideo, rgb
 from ndtorch.report.page import Shown, Table, write_page
 from ndtorch.report.plots import draw_all
-from ndtorch.report.summary import findings, summary
 from ndtorch.run.batch import bind_source
 from ndtorch.run.options import BindJob
 from ndtorch.run.result import MaskStore, Moment, Picture, RunResult, Trace
@@ -61,19 +60,6 @@ def test_a_page_is_one_file_and_fetches_nothing(tmp_path: Path) -> None:
     addresses = re.findall(r'(?:src|href)="([^"]*)"', text)
     assert len(addresses) == 2
     assert all(address.startswith("data:") for address in addresses)
-
-
-def test_owners_in_words_and_as_data() -> None:
-    result = run_of(owners())
-    assert findings(result)[0] == "object 1: red, moving right and down, orientation between 0° and 120°"
-    assert summary(result)["objects"] == [{"neuron": "red", "features": result.objects[0].features}]
-
-
-@pytest.mark.parametrize("verdict", ["learning", "static", "alternating"])
-def test_nothing_found_has_a_reason(verdict: Verdict) -> None:
-    assert findings(run_of([], verdict))[0] == "no objects"
-    assert findings(run_of([], verdict))[1].startswith(f"verdict  {verdict}: ")
-    assert "must stand still" in findings(run_of([], verdict, tracks=True))[1]
 
 
 def test_figures_are_drawn_of_a_long_run_a_short_one_and_an_empty_one(tmp_path: Path) -> None:
