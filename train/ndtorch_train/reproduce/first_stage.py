@@ -146,7 +146,7 @@ def orientation_tuning(context: Context, step: float = 2.5) -> Outcome:
         "outputs at most .17": high <= 0.17,
     }
     ours = f"min/max {min(before):.2f}-{max(before):.2f} -> {low:.2f}-{high:.2f}"
-    return Outcome(ours, "The shapes are those of the figure: ellipses become peanuts.", criteria)
+    return Outcome(ours, "The shapes are those of the figure.", criteria)
 
 
 def color_tuning(context: Context, saturation: float = 0.2) -> Outcome:
