@@ -159,7 +159,7 @@ class VisualFeatures(FullPrecision):
         high, low = (float(ratio(tau, motion.dt, motion.discretization)) for tau in (motion.tau_high, motion.tau_low))
         constants = PassConstants(high, low, motion.border == "wrap", o.thinning.blocks[0], o.thinning.margins)
         # In double precision one at a time: some transforms of several are not the same to the bit as of one.
-        together = 1 if kind == torch.float64 else max(1, min(8, (1 << 17) // math.prod(o.thinning.size)))
+        together = 1 if kind == torch.float64 else max(1, (1 << 17) // math.prod(o.thinning.size))
         passed, oriented = torch.empty(len(frames), 7, dtype=torch.float64), list[Tensor]()
         for some, sums in zip(torch.split(frames, together), torch.split(passed, together), strict=True):
             last = some.movedim(-3, -1)

@@ -59,7 +59,7 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None, device: to
             f"set size=({height}, {width}) in the module or the config"
         )
     if frames.is_floating_point() and has_values(frames):
-        low, high = torch.stack(torch.aminmax(some_rows(frames.detach()))).tolist()
+        low, high = torch.stack(torch.aminmax(some_rows(frames.detach()).contiguous())).tolist()
         if not (math.isfinite(low) and math.isfinite(high)):
             raise InputError("frames must be finite, got NaN or infinite values")
         if not (low >= -SLACK and high <= 1 + SLACK):
