@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from ndtorch.cli.streams import line
 from ndtorch.errors import InputError
@@ -91,7 +91,7 @@ def told(quiet: bool, muted: bool) -> Iterator[None]:
         with contextlib.ExitStack() as stack:
             stack.enter_context(warnings.catch_warnings())
             warnings.simplefilter("ignore" if quiet else "always", UserWarning)
-            warnings.showwarning = note
+            warnings.showwarning = lambda message, *_, **__: print(f"note: {line(message)}", file=sys.stderr)
             if muted:
                 nowhere = stack.enter_context(Path(os.devnull).open("w", encoding="utf-8"))
                 stack.enter_context(contextlib.redirect_stdout(nowhere))
@@ -100,8 +100,3 @@ def told(quiet: bool, muted: bool) -> Iterator[None]:
         for logger, level in zip(loggers, before, strict=True):
             logger.removeHandler(handler)
             logger.setLevel(level)
-
-
-def note(message: Warning | str, *_: Any, **__: Any) -> None:
-    """Show a warning as one line."""
-    print(f"note: {line(message)}", file=sys.stderr)

@@ -59,7 +59,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(overview(commands))
         return 0 if given else UNUSABLE
     if given[0] == "--version":
-        print(versions())
+        for name in OURS:
+            with contextlib.suppress(PackageNotFoundError):
+                print(name, version(name))
         return 0
     name, *rest = given
     try:
@@ -106,15 +108,6 @@ def program() -> int:
         code = INTERRUPTED
     gc.freeze()  # the interpreter would look through all objects of torch and numba at its end: a second
     return 128 + came[0] if code == INTERRUPTED and came else code
-
-
-def versions() -> str:
-    """One line a distribution of ours that is installed."""
-    lines = []
-    for name in OURS:
-        with contextlib.suppress(PackageNotFoundError):
-            lines.append(f"{name} {version(name)}")
-    return "\n".join(lines)
 
 
 def first_line(kind: type[Subcommand]) -> str:

@@ -29,12 +29,6 @@ log = logging.getLogger(__name__)
 Array = np.ndarray[Any, Any]
 
 
-def write_exports(tracks: TrackRecord, folder: Path) -> None:
-    """Write the file of every format."""
-    for name, write in FORMATS.items():
-        write(tracks, folder / name)
-
-
 def write_coco(tracks: TrackRecord, path: Path) -> None:
     """coco.json, which pycocotools, CVAT and FiftyOne read: images (those without objects too), annotations, tracks."""
     height, width = tracks.size

@@ -14,10 +14,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
 from ndtorch.binding import save_state
-from ndtorch.report.exports import write_exports
+from ndtorch.report.exports import FORMATS
 from ndtorch.report.films import Film, draw_overlay
 from ndtorch.report.plots import draw_all, draw_timeline
 from ndtorch.report.summary import findings, summary
@@ -73,8 +72,13 @@ def write_page(
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    there = [one for one in shown if one.file.is_file()]
-    media = [{**one._asdict(), "film": one.file.suffix == ".mp4", "address": address(one.file)} for one in there]
+    media = []
+    for file, *words in shown:
+        if file.is_file():
+            film, address = file.suffix == ".mp4", file.name
+            if not film or file.stat().st_size <= LARGEST:
+                address = f"data:{KINDS[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode()}"
+            media.append((film, address, *words))
     program = Path(sys.argv[0]).name
     command = shlex.join(["ndtorch" if program == "__main__.py" else program, *sys.argv[1:]])
     options: dict[str, Any] = {"autoescape": True, "trim_blocks": True, "lstrip_blocks": True}
@@ -90,20 +94,6 @@ def write_page(
     }
     write_text(folder / name, template.render(**said))
     return folder / name
-
-
-def address(file: Path) -> str:
-    """A picture or film as a data address; of a film too large for that, its name beside the page."""
-    if file.suffix == ".mp4" and file.stat().st_size > LARGEST:
-        return file.name
-    return f"data:{KINDS[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode()}"
-
-
-def link(address: str, text: str) -> str:
-    """A link in a cell of a table."""
-    from markupsafe import Markup
-
-    return Markup('<a href="{}">{}</a>').format(quote(address), text)
 
 
 def versions(*distributions: str) -> dict[str, str]:
@@ -132,27 +122,6 @@ SHOWN = (
 """Files of a run, their titles and what to see in them."""
 
 
-def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
-    """Write report.html about a run whose other files are in `folder`."""
-    height, width = result.source.size
-    facts = {
-        "source": result.source.name,
-        "frames": f"{result.frames} of {width} x {height} pixels, {result.simulated_seconds:g} s",
-        "model": chosen,
-        "time taken": f"{result.wall_seconds:.1f} s",
-    }
-    rows = []
-    for thing in result.objects:
-        cells = [f"{thing.features[name]:.2f}" if name in thing.features else "" for name in FEATURES]
-        who = thing.neuron if thing.first_seen is None else thing.color
-        rows.append([str(thing.number), who, *cells, "" if thing.confidence is None else f"{thing.confidence:.2f}"])
-    heads = ("object", "neuron or color", *FEATURES, "confidence")
-    remark = "Shares of the strongest; an empty cell: none of it."
-    tables = [Table("Features of every object", heads, rows, remark)] if rows else []
-    shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN]
-    return write_page(folder, f"{result.source.name}: what moves together", findings(result), facts, tables, shown)
-
-
 def folder_name(name: str) -> str:
     """The name of a source as a folder name: the stem of a path, with nothing but letters, digits, `.`, `_`, `-`."""
     stem = Path(name).stem if "/" in name else name
@@ -177,7 +146,8 @@ def write_result(
     save_state(result.state, folder / "state.safetensors", {"run": json.dumps(about)})
     tracks = track_record(result) if result.model.tracks else None
     if tracks is not None and tracks.boxed:
-        write_exports(tracks, folder)
+        for name, write in FORMATS.items():
+            write(tracks, folder / name)
     drawn = figures_wanted()
     if drawn and tracks is None:
         draw_all(result, folder)
@@ -188,5 +158,21 @@ def write_result(
         film.path.unlink(missing_ok=True)
     found = summary(result, tracks)
     (folder / "objects.json").write_text(json.dumps(found, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    write_run_page(result, folder, chosen)
+    height, width = result.source.size
+    facts = {
+        "source": result.source.name,
+        "frames": f"{result.frames} of {width} x {height} pixels, {result.simulated_seconds:g} s",
+        "model": chosen,
+        "time taken": f"{result.wall_seconds:.1f} s",
+    }
+    rows = []
+    for thing in result.objects:
+        cells = [f"{thing.features[name]:.2f}" if name in thing.features else "" for name in FEATURES]
+        who = thing.neuron if thing.first_seen is None else thing.color
+        rows.append([str(thing.number), who, *cells, "" if thing.confidence is None else f"{thing.confidence:.2f}"])
+    heads = ("object", "neuron or color", *FEATURES, "confidence")
+    remark = "Shares of the strongest; an empty cell: none of it."
+    tables = [Table("Features of every object", heads, rows, remark)] if rows else []
+    shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN]
+    write_page(folder, f"{result.source.name}: what moves together", findings(result), facts, tables, shown)
     return found

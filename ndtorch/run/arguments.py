@@ -80,7 +80,9 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
     except SystemExit as end:
         if end.code != REFUSED:
             raise
-    raise InputError(in_a_line(said.getvalue(), prog, flags_of(kind), arguments))
+    named = [field.name for field in dataclasses.fields(kind) if "Positional" not in str(field.type)]
+    flags = [f"--{name.replace('_', '-')}" for name in named]
+    raise InputError(in_a_line(said.getvalue(), prog, flags, arguments))
 
 
 def check_ranges(command: Any) -> None:
@@ -91,12 +93,6 @@ def check_ranges(command: Any) -> None:
         if isinstance(value, int | float) and not isinstance(value, bool) and not low <= value <= high:
             name = field.name.replace("_", "-")
             raise InputError(f"--{name} must be a number from {low:.10g} to {high:.10g}, got {value}")
-
-
-def flags_of(kind: type[Any]) -> list[str]:
-    """The flags of a command."""
-    named = [field.name for field in dataclasses.fields(kind) if "Positional" not in str(field.type)]
-    return [f"--{name.replace('_', '-')}" for name in named]
 
 
 def in_a_line(box: str, prog: str, flags: Sequence[str], arguments: Sequence[str]) -> str:

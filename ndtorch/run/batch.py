@@ -6,11 +6,12 @@ import contextlib
 import itertools
 import json
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from ndtorch.errors import InputError
 from ndtorch.run.folder import RunFolder, make_writable
@@ -19,7 +20,7 @@ from ndtorch.run.result import RunResult, Watcher
 from ndtorch.scenes.named import SCENES
 from ndtorch.scenes.readers import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from ndtorch.utils.files import read_text, replacing, write_text
-from ndtorch.utils.workers import run_tasks
+from ndtorch.utils.workers import Event, run_tasks
 
 INDEX, OUTCOME, RESPONSES = "index.html", "outcome.json", "responses.parquet"
 
@@ -154,16 +155,18 @@ def bind_sources(
     if options.resume is not None:
         raise InputError("--resume continues a run of one source; of several, repeat the command")
     make_writable(folder)
-    earlier, outcomes, tasks = finished(folder), dict[str, Outcome](), list[Task]()
+    earlier, kept, outcomes, tasks = finished(folder), list[Event](), dict[str, Outcome](), list[Task]()
     for name in names:
-        task = Task(job := BindJob(**vars(options), source=name), folder, key_of(job))
-        kept = earlier.get(task.key)
-        if kept is None or again:
-            tasks.append(task._replace(into=kept.folder if kept else None))
+        job = BindJob(**vars(options), source=name)
+        before = earlier.get(key := key_of(job))
+        if before is None or again:
+            tasks.append(Task(job, folder, key, before.folder if before else None))
         else:
-            outcomes[name] = kept
+            kept.append(Event("done", 0, before))
     try:
-        for outcome in itertools.chain(list(outcomes.values()), run_each(tasks, jobs)):
+        events = (Event("done", n, run_one(task)) for n, task in enumerate(tasks))
+        for _, n, value in itertools.chain(kept, events if jobs == 1 else run_tasks(run_one, tasks, jobs)):
+            outcome = value if isinstance(value, Outcome) else Outcome(tasks[n].job.source, error=str(value))
             outcomes[outcome.source] = outcome
             if report is not None:
                 report(outcome)
@@ -199,16 +202,6 @@ def finished(folder: Path) -> dict[str, Outcome]:
             kept = json.loads(read_text(path))
             found[kept["key"]] = Outcome(**kept["outcome"])
     return found
-
-
-def run_each(tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
-    """The outcome of every task as it comes."""
-    if jobs == 1:
-        yield from map(run_one, tasks)
-        return
-    for event in run_tasks(run_one, tasks, jobs):
-        failed = Outcome(tasks[event.task].job.source, error=str(event.value))
-        yield event.value if event.kind == "done" else failed
 
 
 def run_one(task: Task) -> Outcome:
@@ -262,13 +255,16 @@ def write_tables(outcomes: Sequence[Outcome], folder: Path, weights: bool) -> No
 
 def write_index(outcomes: Sequence[Outcome], sources: int, folder: Path) -> None:
     """index.html: a row a source, with a link to its report."""
-    from ndtorch.report.page import NAME, Table, link, write_page
+    from markupsafe import Markup
+
+    from ndtorch.report.page import NAME, Table, write_page
 
     rows = []
     for one in outcomes:
         sure = "" if one.confidence is None else f"{one.confidence:.2f}"
         cells = [str(len(one.objects)), "; ".join(one.objects), one.verdict, sure, f"{one.seconds:.1f} s"]
-        found = [link(f"{one.folder}/{NAME}", one.source), one.model, *cells, f"{one.wall_seconds:.1f} s"]
+        link = Markup('<a href="{}">{}</a>').format(quote(f"{one.folder}/{NAME}"), one.source)
+        found = [link, one.model, *cells, f"{one.wall_seconds:.1f} s"]
         rows.append([one.source, "left out", "", one.error, *[""] * 4] if one.error else found)
     heads = ("source", "model", "objects", "", "verdict", "confidence", "length", "time taken")
     title = f"{sum(not one.error for one in outcomes)} of {sources} sources"
