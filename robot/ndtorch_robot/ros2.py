@@ -69,8 +69,7 @@ class Ros2Bridge(StepThread):
         self.goals = DataReader(participant, topic("goal_pose", GOAL), qos=best_effort) if has_goals else None
         super().__init__("bridge to ROS 2", 1, "newest", report)
 
-    def __call__(self, step: Step) -> None:
-        self.put(step)
+    __call__ = StepThread.put
 
     def handle(self, item: Step) -> None:
         # The least delay so far is taken for none: steps have the times of the loop's clock, stamps those of the wall.

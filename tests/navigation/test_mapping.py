@@ -10,7 +10,6 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import AlphaBetaTracker, DeadReckoning, Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import certainty
 from ndtorch.navigation.mapping.grid_map import LIMIT
@@ -118,16 +117,6 @@ def test_log_odds():
         cells, state = mapper(*further, state)
     probability = cells.sigmoid()
     assert at(1.5, 0.0) < 0.4
-
-
-def test_a_state_of_another_batch_or_grid_is_refused() -> None:
-    ranges, pose = random_run(0, 2)
-    mapper, small = GridMap(RIG, GRID), GridMap(RIG, Grid(-1.0, 2.0, -3.0, 3.0))
-    state = mapper.update(ranges, pose)
-    with pytest.raises(InputError, match=r"state.tiles .* do not fit"):
-        small.update(ranges, pose, state)
-    with pytest.raises(InputError, match=r"state.tiles .* do not fit"):
-        mapper.update(*random_run(0, 3), state)
 
 
 def test_list_keeps_the_newest_and_forgets():

@@ -26,17 +26,8 @@ GRID = Grid(-1.0, 2.2, -1.6, 1.6, cell=0.05)
 RANGE = np.dtype(
     [(name, "f4") for name in ("range", "left_angle", "right_angle", "x", "y")] + [("valid", "?"), ("", "V3")]
 )
-OUTPUT = np.dtype(
-    [
-        ("speed", "f4"),
-        ("curvature", "f4"),
-        ("sides", "f4", 2),
-        ("mode", "u1"),
-        ("", "V3"),
-        ("pose", "f4", 3),
-        ("ranges", RANGE, 5),
-    ]
-)
+BEFORE = [("speed", "f4"), ("curvature", "f4"), ("sides", "f4", 2), ("mode", "u1"), ("", "V3")]
+OUTPUT = np.dtype([*BEFORE, ("pose", "f4", 3), ("ranges", RANGE, 5)])
 """`onboard_output`."""
 
 needs_arm = pytest.mark.skipif(

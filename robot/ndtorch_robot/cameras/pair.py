@@ -148,8 +148,9 @@ class StereoCameras(Closing):
     """Two cameras that run freely, one reader thread each; implements `ndtorch_robot.ports.CameraPair`.
 
     Each reading gives the newest pair that has not been read yet, and waits for it when it must. The time of a
-    pair is that of its older frame. A source that is both left and right gives both images side by side. Frames are
-    whole ones `[1, C, H, W]` uint8, red, green, blue, or with `rectify`, which `open_cameras` makes, the rectified strips.
+    pair is that of its older frame. A source that is both left and right gives both images side by side. Frames
+    are whole ones `[1, C, H, W]` uint8, red, green, blue, or with `rectify`, which `open_cameras` makes, the
+    rectified strips.
 
     Raises:
         InputError: a source that cannot be opened or gives no frames or ones of another size.
