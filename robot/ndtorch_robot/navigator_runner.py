@@ -18,7 +18,7 @@ from ndtorch.navigation.controllers.ranging._kernels import BLOCKED
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.local_grid import LocalGrid
 from ndtorch.navigation.localisation.ndt import to_sparse
-from ndtorch.navigation.mapping.map_files import save_map
+from ndtorch.navigation.mapping.map_files import PASSED, save_map
 from ndtorch.navigation.options import NavigatorOptions, options_of
 from ndtorch_robot.ports import DriveCommand, Placed, Step, StereoFrames
 
@@ -145,20 +145,30 @@ class NavigatorRunner:
         return int(self.navigator.mode(self.state))
 
 
-APART = 0.05
-"""Metres between two places of the path that are kept, in x and y."""
+APART, RAY = 0.05, np.linspace(0, 1, 80)
+"""Metres between two places that are kept, in x and y; ratios of a line of sight."""
 
 
 class WalkedPath:
-    """An observer that keeps where the car was as far as it knew, to `APART`, for the free floor of a map."""
+    """An observer that keeps the free floor of a map, to `APART`: where the car was as far as it knew, and from its new
+    places the lines of sight to what it ranged, which end `PASSED` before it.
+    """
 
     def __init__(self) -> None:
         self.cells: set[tuple[int, int]] = set()
 
     def __call__(self, step: Step) -> None:
         if step.state is not None:
-            x, y, _ = step.state.place
-            self.cells.add((round(float(x) / APART), round(float(y) / APART)))
+            x, y, heading = map(float, step.state.place)
+            at, ranges = (round(x / APART), round(y / APART)), step.state.ranges
+            if at not in self.cells:
+                self.cells.add(at)
+                valid = np.asarray(ranges.valid).reshape(-1)
+                dx, dy = (np.asarray(part, np.float64).reshape(-1)[valid] for part in (ranges.x, ranges.y))
+                lengths, angles = np.hypot(dx, dy), np.arctan2(dy, dx) + heading
+                along = RAY[:, None] * np.maximum(lengths - PASSED, 0.0)
+                lines = np.stack((x + along * np.cos(angles), y + along * np.sin(angles)), -1).reshape(-1, 2)
+                self.cells.update(map(tuple, np.rint(lines / APART).astype(int).tolist()))
 
     def places(self) -> npt.NDArray[np.float64]:
         return np.array(sorted(self.cells), np.float64).reshape(-1, 2) * APART

@@ -1,16 +1,19 @@
 """When the navigator begins anew, and what it keeps then."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
-from ndtorch.navigation import Grid
-from ndtorch.navigation.mapping.map_files import load_map
+from ndtorch.navigation import Grid, Pose, Ranges
+from ndtorch.navigation.mapping.map_files import load_map, save_map
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.navigator_runner import NavigatorRunner, WalkedPath, save_runner_map
-from ndtorch_robot.ports import DriveCommand, Step
+from ndtorch_robot.ports import STAND, DriveCommand, Step
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.plan import SpawnPoints
 from tests.robot.support.cars import RIG, moving_world
 
 DRIVEN = DriveCommand(0.5, 0.2)
@@ -81,3 +84,19 @@ def test_a_pilot_saves_its_map_and_the_floor_it_passed(tmp_path):
     assert found.grid == grid
     assert torch.equal(found.cells > 0, grid.inner(runner.state.map.cells) > 0)
     assert (tmp_path / "map.yaml").exists()
+
+
+def test_the_map_of_a_drive_is_a_building(tmp_path):
+    """The walls of a room, ranged from its middle, come back as those of an arena, within a pixel."""
+    grid, path, angles = Grid(-3, 3, -3, 3), WalkedPath(), np.linspace(-math.pi, math.pi, 1000)
+    reach = 1 / np.maximum(np.abs(np.cos(angles)) / 2.025, np.abs(np.sin(angles)) / 1.525)
+    x, y = reach * np.cos(angles), reach * np.sin(angles)
+    ranges = Ranges(reach, angles, angles, x, y, np.ones(x.shape, bool))
+    path(Step(0, 0.0, None, STAND, STAND, STAND, SimpleNamespace(place=Pose(0.0, 0.0, 0.0), ranges=ranges)))
+    cells, row, column = torch.zeros(600, 600), ((y + 3) * 100).astype(int), ((x + 3) * 100).astype(int)
+    cells[row, column] = 1.0
+    save_map(tmp_path, cells, grid, path.places())
+    plan = load_arena(str(tmp_path / "map.yaml"))
+    assert plan.bounds == pytest.approx((-2.025, 2.025, -1.525, 1.525), abs=0.05)
+    assert plan.outline.area == pytest.approx(4.05 * 3.05, rel=0.06)
+    SpawnPoints(plan)
