@@ -89,13 +89,12 @@ class BindingInputs(nn.Module):
             raw_history, filtered_history = RecentMaxState(state.sums), RecentMaxState(state.fluctuations)
         raw_max, raw_history = self.recent_max.scan(group_max(sums), raw_history)
         scale = spread_groups(raw_max)
-        if self.order == "printed":
-            inputs, low = self.high_pass.scan(divide(sums, scale), low)
-            _, filtered_history = self.recent_max.scan(group_max((inputs * scale).abs()), filtered_history)
-            return (inputs, scale), InputState(low.low, raw_history.history, filtered_history.history)
-        filtered, low = self.high_pass.scan(sums, low)
-        largest, filtered_history = self.recent_max.scan(group_max(filtered.abs()), filtered_history)
-        inputs = divide(filtered, spread_groups(torch.maximum(largest, self.floor * raw_max)))
+        printed = self.order == "printed"
+        inputs, low = self.high_pass.scan(divide(sums, scale) if printed else sums, low)
+        size = (inputs * scale if printed else inputs).abs()
+        largest, filtered_history = self.recent_max.scan(group_max(size), filtered_history)
+        if not printed:
+            inputs = divide(inputs, spread_groups(torch.maximum(largest, self.floor * raw_max)))
         end = InputState(low.low, raw_history.history, filtered_history.history)
         return (inputs, scale), end
 

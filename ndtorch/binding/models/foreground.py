@@ -240,7 +240,13 @@ class ForegroundModel(BindingModel):
                 levels.append(level)
             inputs = divide(signals, spread_groups(torch.stack(levels).clamp_min(FLOOR).unsqueeze(1)))
             outputs, network = self.network(inputs, network)
-            self._bind([scene.tracks, *closed], steps, inputs, outputs)
+            # What the network took and gave is added to the objects that were reported at each step.
+            both, row = torch.cat([inputs, outputs], -1).double().numpy(), dict[int, Any]()
+            for table in (scene.tracks, *closed):
+                row |= zip(table.number.tolist(), table.rows, strict=True)
+            for step, values in zip(steps, both, strict=True):
+                for number in step.reported.tolist():
+                    row[number][NETWORK:] += values[number % MAX_OBJECTS]
         if scene is not None and len(scene.tracks.path) > MAX_PATH:
             path = scene.tracks.path
             early, part = path[:, TIME] < path[-MAX_PATH // 2, TIME], scene.tracks.take(scene.tracks.confirmed)
@@ -286,14 +292,6 @@ class ForegroundModel(BindingModel):
         reported = tracks.number[tracks.confirmed & (tracks.seen == time)].astype(np.int64)
         after = SceneState(background, tracks, np.array(count, np.int64), scene.features)
         return after, ForegroundStep(time, measured, labels, reported, ended)
-
-    def _bind(self, tables: list[Tracks], steps: list[ForegroundStep], inputs: Tensor, outputs: Tensor) -> None:
-        """Add what the network took and gave to the objects that were reported at each step."""
-        both = torch.cat([inputs, outputs], -1).double().numpy()
-        row = {number: own for table in tables for number, own in zip(table.number.tolist(), table.rows, strict=True)}
-        for step, values in zip(steps, both, strict=True):
-            for number in step.reported.tolist():
-                row[number][NETWORK:] += values[number % MAX_OBJECTS]
 
     def objects_batch(self, state: Any) -> Nested:
         """The objects so far, in the order in which they appeared, without those that `take_closed` took."""

@@ -7,22 +7,18 @@ from typing import Any
 import torch
 from torch import Tensor
 
-import ndtorch
-from ndtorch.binding import train_first_stage
+from ndtorch.binding import network, train_first_stage
 from ndtorch.report.plots import STYLES
 from ndtorch.scenes import hsl_color, moving_bar, static_bar
 from ndtorch.vision import FEATURES, GROUPS, VisualFeatures
+from ndtorch_train.benchmark.bar_scenes import first_stage
 from ndtorch_train.plots import panels
 from ndtorch_train.reproduce.experiment import Context, Outcome
 
 
 def settled(group: str, inputs: Tensor) -> Tensor:
     """Outputs of a network of the shipped first stage on constant inputs `[..., n]`, `(I + W)^-1 i`. [B eq. 21]"""
-    stage = ndtorch.load("published").first_stage()
-    assert stage is not None
-    weights = stage[GROUPS[group], GROUPS[group]].double()
-    outputs: Tensor = torch.linalg.solve(torch.eye(len(weights)).double() + weights, inputs.unsqueeze(-1)).squeeze(-1)
-    return outputs
+    return inputs @ network.settled(first_stage()[GROUPS[group], GROUPS[group]].double()).mT
 
 
 def weights(context: Context) -> Outcome:
