@@ -16,7 +16,7 @@ from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.whole_field import PublishedModel, ScaleFreeModel
 from ndtorch.config import option_places, with_options, with_tensors
 from ndtorch.errors import LONGEST, InputError, did_you_mean
-from ndtorch.utils.packages import MODELS, folder_of
+from ndtorch.utils.packages import folder_of
 from ndtorch.utils.toml import check, suggestion, toml_values
 
 KINDS: dict[str, type[BindingModel]] = {
@@ -31,7 +31,7 @@ def model_names() -> list[str]:
     >>> model_names()
     ['foreground', 'published', 'retinotopic', 'scale-free']
     """
-    return sorted(config.parent.name for config in folder_of("ndtorch", MODELS).glob("*/config.toml"))
+    return sorted(config.parent.name for config in folder_of("ndtorch", "models").glob("*/config.toml"))
 
 
 def load(
@@ -113,7 +113,7 @@ def model_folder(model: str | Path) -> Path:
         raise InputError(f"model must be a name or a path, got {type(model).__name__}")
     names = model_names()
     if str(model) in names:
-        return folder_of("ndtorch", MODELS) / model
+        return folder_of("ndtorch", "models") / model
     if os.path.isdir(model):  # noqa: PTH112 - of a name that no path can have, `Path` raises
         return Path(model)
     if isinstance(model, Path) or "/" in model:

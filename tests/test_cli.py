@@ -7,7 +7,6 @@ import json
 import os
 import resource
 import select
-import shutil
 import signal
 import subprocess
 import sys
@@ -100,23 +99,6 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
     # On a busy computer the signal may come before a second frame, of which a film is made.
     assert {path.name for path in (tmp_path / "two-bars").iterdir()} | {"enhanced.mp4"} == FILES
     assert [path.name for path in tmp_path.iterdir()] == ["two-bars"]
-
-
-def test_a_second_run_leaves_the_first_alone(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Also one of another clip that has the same name."""
-    (tmp_path / "elsewhere").mkdir()
-    other = Path(shutil.copy(clip, tmp_path / "elsewhere"))
-    asked = ["--seconds", "0.2", "--pictures", "0", "--out", str(tmp_path / "out")]
-    for source, name in ((clip, "bars"), (other, "bars-2"), (clip, "bars-3")):
-        assert main(["bind", str(source), *asked]) == 0
-        out, err = capsys.readouterr()
-        assert f"written  {tmp_path / 'out' / name}: " in out
-        # A progress bar is for terminals; kernels that are compiled are worth a note.
-        assert [line for line in err.splitlines() if not line.startswith("note: kernel")] == []
-    first = (tmp_path / "out" / "bars" / "objects.json").stat().st_mtime_ns
-    assert main(["bind", str(clip), *asked, "--force"]) == 0
-    assert (tmp_path / "out" / "bars" / "objects.json").stat().st_mtime_ns > first
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["bars", "bars-2", "bars-3"]
 
 
 def test_quiet_prints_errors_alone(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

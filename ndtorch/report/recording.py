@@ -35,13 +35,8 @@ def end_stream(stream: Any, patience: float = 15.0) -> None:
     try:
         stream.flush(timeout_sec=patience)
     except RuntimeError:
-        import_rerun().unregister_shutdown()
+        need("rerun", "a recording").unregister_shutdown()
         for kept in (stream, stream.inner):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))  # never closed
         return
     stream.disconnect()
-
-
-def import_rerun() -> Any:
-    """The rerun package, which takes half a second to import."""
-    return need("rerun", "a recording")

@@ -21,7 +21,6 @@ from ndtorch.run.options import (
     FIXED,
     OWN,
     BindJob,
-    default_model,
     given,
     values_of,
 )
@@ -72,7 +71,13 @@ def prepare(job: BindJob) -> Prepared:
     """Open the source and build the model. Raises `InputError`: in one line, whatever is wrong."""
     if job.seconds == 0:
         raise InputError("seconds must be a positive number, got 0")
-    device = check_device(job.device)
+    try:
+        device = torch.device(job.device)
+        if device.type == "cpu" and device.index:
+            raise RuntimeError("there is one cpu")
+        torch.zeros(1, device=device).item()  # a meta tensor has none
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(f"device {job.device!r} cannot be used: {str(error).splitlines()[0]}") from None
     if job.model is not None and job.model not in model_names() and Path(job.model).is_dir():
         job = dataclasses.replace(job, model=str(Path(job.model).resolve()))
     kept = KeptRun() if job.resume is None else resumed(job.resume, job)
@@ -80,7 +85,7 @@ def prepare(job: BindJob) -> Prepared:
     if job.resume is not None:
         job = dataclasses.replace(kept, **given(job, *OWN), set=kept.set + job.set)
         chosen = "that of the run that goes on"
-    model_name = job.model or default_model(job.source)
+    model_name = job.model or ("scale-free" if job.source in SCENES else "foreground")
     kind = model_kind(model_name)
     if kind in CAMERA_MODELS and device.type != "cpu":
         raise InputError(f"device must be cpu with the model {kind}, which is quickest there; got {job.device}")
@@ -95,7 +100,12 @@ def prepare(job: BindJob) -> Prepared:
         raise InputError(f"--set has keys of config.toml but model, size and fps; got {not_set.pop()}")
     live, seconds = is_live(job.source), job.seconds
     if job.source in SCENES:
-        source = open_scene(job, kept.frames, of_scene)
+        if job.start is not None or job.stop is not None:
+            raise InputError("start and stop are frame numbers of videos; a scene has --seconds")
+        if job.fit is not None:
+            raise InputError("--fit is for the frames of videos; a scene has the size that is wanted")
+        length = kept.frames / (job.fps or 100.0) + (SECONDS if seconds is None else seconds)
+        source = make_scene(job.source, **{"seconds": length, **given(job, "fps"), **of_scene})
         seconds = None
     else:
         source = open_place(job, kept, CAMERA_MODELS.get(kind))
@@ -135,16 +145,6 @@ def resumed(folder: Path, job: BindJob) -> KeptRun:
     return dataclasses.replace(kept, resume=folder)
 
 
-def open_scene(job: BindJob, frames: int, options: dict[str, Any]) -> FrameSource:
-    """A simulated scene that goes on as long as the job wants after so many frames."""
-    if job.start is not None or job.stop is not None:
-        raise InputError("start and stop are frame numbers of videos; a scene has --seconds")
-    if job.fit is not None:
-        raise InputError("--fit is for the frames of videos; a scene has the size that is wanted")
-    seconds = frames / (job.fps or 100.0) + (SECONDS if job.seconds is None else job.seconds)
-    return make_scene(job.source, **{"seconds": seconds, **given(job, "fps"), **options})
-
-
 def open_place(job: BindJob, kept: KeptRun, rows: int | None) -> FrameSource:
     """A file, folder, camera or stream; with `rows`, whole pictures of that height."""
     name = job.source
@@ -167,15 +167,3 @@ def open_place(job: BindJob, kept: KeptRun, rows: int | None) -> FrameSource:
 def is_live(name: str) -> bool:
     """Whether a source is a camera or a stream, every frame of which passes once."""
     return name.isdigit() or name.startswith("camera:") or "://" in name or Path(name).is_char_device()
-
-
-def check_device(name: str) -> torch.device:
-    """The torch device of that name, or `InputError` when it is unknown or not there."""
-    try:
-        device = torch.device(name)
-        if device.type == "cpu" and device.index:
-            raise RuntimeError("there is one cpu")
-        torch.zeros(1, device=device).item()  # a meta tensor has none
-    except (RuntimeError, AssertionError) as error:
-        raise InputError(f"device {name!r} cannot be used: {str(error).splitlines()[0]}") from None
-    return device

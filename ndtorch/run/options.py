@@ -11,7 +11,6 @@ from typing import Any, Literal
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.named import SCENES
 
 DEFAULT_SOURCE = "two-bars"
 CAMERA_SECONDS = 30.0
@@ -65,11 +64,6 @@ OWN = ("seconds", "stop", "device", "pictures", "resume")
 def given(job: BindOptions, *names: str) -> dict[str, Any]:
     """Those of the options that were given."""
     return {name: value for name in names if (value := getattr(job, name)) not in (None, ())}
-
-
-def default_model(source: str) -> str:
-    """The model for a source when none is asked for: scale-free for scenes, foreground for everything else."""
-    return "scale-free" if source in SCENES else "foreground"
 
 
 def values_of(settings: Iterable[str]) -> dict[str, Any]:

@@ -71,10 +71,6 @@ def toml_file(given: Path, package: str, name: str) -> Path:
     return known[given.name]
 
 
-MODELS = "models"
-"""Folder of the models that come with the library."""
-
-
 @cache
 def code_digest(packages: tuple[str, ...], others: tuple[str, ...]) -> str:
     """Hash of the source of packages, wherever they are installed, and of the versions of other distributions."""

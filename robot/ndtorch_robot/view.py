@@ -22,7 +22,8 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import NavigatorState, Rect, StereoRig, Strips
-from ndtorch.report.recording import end_stream, import_rerun
+from ndtorch.report.recording import end_stream
+from ndtorch.utils.packages import need
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Report, Step
 from ndtorch_robot.sim.plan import Plan
@@ -64,7 +65,7 @@ def open_stream(name: str, file: Path | None = None, viewer: str = "", plan: Pla
     Raises:
         InputError: rerun is not installed, the file cannot be written, or no viewer is there.
     """
-    rr = import_rerun()
+    rr = need("rerun", "a recording")
     stream: Any = rr.RecordingStream(f"ndtorch {name}")
     sinks = []
     try:
@@ -106,7 +107,7 @@ class View(StepThread):
         plan: Plan | None = None,
         truth: Callable[[], Pose] | None = None,
     ) -> None:
-        self.rr, self.stream, self.runner, self.truth = import_rerun(), stream, runner, truth
+        self.rr, self.stream, self.runner, self.truth = need("rerun", "a recording"), stream, runner, truth
         self.shown, self.words, self.lines = 0, "", list[str]()
         self.start: float | None = None
         self.next_picture = self.next_map = 0.0

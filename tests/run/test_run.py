@@ -13,7 +13,6 @@ from torch import Tensor, nn
 from ndtorch.binding import BoundObject, ObjectTable
 from ndtorch.errors import InputError
 from ndtorch.run.folder import RunFolder, make_writable
-from ndtorch.run.options import default_model
 from ndtorch.run.result import Picture, Watcher
 from ndtorch.run.run import run_model
 from ndtorch.scenes import FrameSource
@@ -144,12 +143,6 @@ def test_no_frame_and_one_frame_are_refused() -> None:
         run_model(StubModel(), Count(1))
     # One more frame of a run that goes on is fine.
     assert run_model(StubModel(), Count(6), StubState(torch.tensor(5)), start=5).frames == 1
-
-
-def test_the_default_model_is_that_of_the_kind_of_source() -> None:
-    assert default_model("two-bars") == "scale-free"
-    for place in ("clip.mp4", "frames", "camera:0", "rtsp://10.0.0.1/stream"):
-        assert default_model(place) == "foreground"
 
 
 def run(wanted: Path, text: str, force: bool = False) -> Path:

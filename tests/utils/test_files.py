@@ -15,11 +15,7 @@ import pytest
 import safetensors.torch
 import torch
 
-import ndtorch
-from ndtorch.binding import save_state
 from ndtorch.errors import InputError
-from ndtorch.navigation import StereoRig
-from ndtorch.scenes import open_video
 from ndtorch.utils import files
 from ndtorch.utils.files import (
     load_arrays,
@@ -134,23 +130,6 @@ def outcome(load: Callable[[Path], Any], path: Path) -> tuple[Any, str]:
         return load(path), ""
     except InputError as error:
         return None, str(error)
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda folder: ndtorch.load("x" * 300),
-        lambda folder: open_video("x" * 300),
-        lambda folder: save_state(3, folder / "state"),
-        lambda folder: save_state((torch.zeros(2),), 3),
-        lambda folder: ndtorch.load("published", gamma="1"),
-        lambda folder: StereoRig(focal=10**400),
-    ],
-)
-def test_values_of_another_kind_are_refused(call: Callable[[Path], Any], tmp_path: Path) -> None:
-    with pytest.raises(InputError):
-        call(tmp_path)
-    assert not list(tmp_path.iterdir())
 
 
 def test_an_archive_that_unpacks_to_more_than_it_may_is_refused(
