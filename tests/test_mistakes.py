@@ -20,8 +20,7 @@ from ndtorch.cli.commands import main
 
 CASES = {
     "Commands and options": """
-        bnid two-bars
-        bindd two-bars => did you mean bind?
+        bnid two-bars => did you mean bind?
         bind two-bars --modle published => did you mean --model?
         bind two-bars --seconds
         bind two-bars --seconds -3
@@ -64,7 +63,6 @@ CASES = {
         drive --controller goal --goal 90,0
         drive secnods.toml => did you mean seconds?
         drive text.mp4 => not a TOML file
-        drive nowhere.toml => no such file
         drive --seconds 1 --rrd /proc/nothing/run.rrd => cannot write the recording
         drive --out /proc/nothing => cannot write there
         evaluate --arenas rom => did you mean room?
@@ -84,7 +82,6 @@ CASES = {
         check simm => did you mean sim?
         calibrate void void
         calibrate void void --columns 1
-        cameras nowhere.mp4 nowhere.mp4
     """,
     "Training, scores and sweeps": """
         first-stage --radius 2
@@ -106,22 +103,13 @@ def cases() -> list[tuple[str, str]]:
 
 def prepare(folder: Path) -> None:
     """The files that the cases name."""
-    for name in ("void", "sizes"):
-        (folder / name).mkdir()
-    (folder / "empty.mp4").write_bytes(b"")
+    (folder / "void").mkdir()
     (folder / "text.mp4").write_text("this is no video\n")
-    for number, size in enumerate((48, 64)):
-        cv2.imwrite(str(folder / "sizes" / f"{number}.png"), np.zeros((size, size, 3), np.uint8))
-    cv2.imwrite(str(folder / "one.png"), np.zeros((48, 48, 3), np.uint8))
     writer = cv2.VideoWriter(str(folder / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
     for shade in range(20):
         writer.write(np.full((48, 64, 3), 10 * shade, np.uint8))
     writer.release()
     (folder / "secnods.toml").write_text("secnods = 3\n")
-    (folder / "kind.toml").write_text('seconds = "three"\n')
-    (folder / "bad.toml").write_text("rooms = [[0, 0, 4]]\n")
-    (folder / "car.toml").write_text("[limmits]\nspeed = 1\n")
-    (folder / "gama.toml").write_text("[vary]\ngama = [1]\n")
     (folder / "worlds.json").write_text('{"worlds": 3}\n')
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import inspect
 from types import ModuleType
 
@@ -27,7 +26,3 @@ def test_every_public_name_is_documented(module: ModuleType, name: str) -> None:
         assert text
         assert not text.startswith(f"{thing.__name__}(")
         assert "Alias for field" not in text
-
-
-def test_there_is_a_version() -> None:
-    assert importlib.metadata.version("ndtorch") == ndtorch.__version__

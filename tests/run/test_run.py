@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from ndtorch.binding import BoundObject, ObjectTable
 from ndtorch.errors import InputError
-from ndtorch.run.folder import RunFolder, make_writable
+from ndtorch.run.folder import RunFolder
 from ndtorch.run.result import Picture, Watcher
 from ndtorch.run.run import run_model
 from ndtorch.scenes import FrameSource
@@ -180,13 +180,3 @@ def test_force_takes_the_folder_and_leaves_other_files(tmp_path: Path) -> None:
     (tmp_path / "bars" / "notes.txt").write_text("mine")
     assert run(tmp_path / "bars", "new", force=True) == tmp_path / "bars"
     assert tree(tmp_path) == {"bars/objects.json": "new", "bars/notes.txt": "mine"}
-
-
-def test_where_nothing_can_be_written(tmp_path: Path) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("in the way")
-    for wanted in (blocked, blocked / "bars", Path("/proc/nothing")):
-        for take in (RunFolder, make_writable):
-            with pytest.raises(InputError, match=r"^--out .*cannot write there \(.+\)$"):
-                take(wanted)
-    assert tree(tmp_path) == {"file": "in the way"}
