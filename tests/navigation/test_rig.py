@@ -246,3 +246,38 @@ def test_real_files() -> None:
 
     assert abs(rows_between(*raw)) > 5
     assert abs(rows_between(*pair.rectify(*raw))) < 1
+
+
+MIDDLEBURY = """cam0=[3997.684 0 1176.728; 0 3997.684 1011.728; 0 0 1]
+cam1=[3997.684 0 1307.839; 0 3997.684 1011.728; 0 0 1]
+doffs=131.111
+baseline=193.001
+width=2964
+height=1988
+"""
+
+
+def test_calibrations_of_middlebury(tmp_path):
+    """Z = baseline f / (d + doffs): the right image is moved by the offset, and the baseline is in mm."""
+    (tmp_path / "calib.txt").write_text(MIDDLEBURY)
+    rig, pair = StereoRig.load(tmp_path / "calib.txt"), load_calibration(tmp_path / "calib.txt")
+    values = rig.focal, rig.baseline, rig.width, rig.height, *rig.center
+    assert values == pytest.approx((3997.684, 0.193001, 2964, 1988, 1176.728, 1011.728))
+    assert pair.maps[1][0][0, 500] - pair.maps[0][0][0, 500] == pytest.approx(131.111, abs=1e-3)
+
+
+def test_calibrations_of_opencv_as_xml(tmp_path):
+    """Read as `cv2.FileStorage` writes them; entities are not expanded."""
+    file, eye = cv2.FileStorage(str(tmp_path / "rig.xml"), cv2.FILE_STORAGE_WRITE), np.eye(3)
+    k, none = np.array([[430.0, 0, 320], [0, 430, 240], [0, 0, 1]]), np.zeros((1, 5))
+    values = {"M1": k, "D1": none, "M2": k, "D2": none, "R": eye, "T": np.array([[-0.3], [0], [0]])}
+    for name, value in ({"image_width": 640, "image_height": 480} | values).items():
+        file.write(name, value)
+    file.release()
+    rig = StereoRig.load(tmp_path / "rig.xml")
+    assert (rig.focal, rig.baseline, *rig.center) == pytest.approx((430, 0.3, 320, 240))
+    laughs = "".join(f'<!ENTITY a{n + 1} "{f"&a{n};" * 10}">' for n in range(9))
+    inside = '<opencv_storage><M1 type_id="opencv-matrix"><data>&a9;</data></M1></opencv_storage>'
+    (tmp_path / "rig.xml").write_text(f'<!DOCTYPE l [<!ENTITY a0 "1 ">{laughs}]>{inside}')
+    with pytest.raises(InputError, match="no calibration that is known"):
+        StereoRig.load(tmp_path / "rig.xml")

@@ -19,7 +19,7 @@ from ndtorch.utils.files import read_bytes
 Floats = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
-FORMATS = "ROS camera_info or ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, OpenCV, Kalibr"
+FORMATS = "ROS camera_info or ost.yaml, KITTI or Middlebury calib.txt, EuRoC sensor.yaml, OpenCV, Kalibr"
 MAX_BYTES, MAX_LISTS = 50_000, 500
 PINHOLE = {"", "none", "plumb_bob", "rational_polynomial", "radtan", "radial-tangential", "radial_tangential"}
 FISHEYE = {"equidistant", "fisheye", "kannala_brandt", "kannala_brandt4"}
@@ -152,6 +152,12 @@ def of_tables(
         projections = (array(left[matrices[n]]).reshape(3, 4) for n in cameras)
         pair = [PairCamera(p[:, :3], np.zeros(5), np.eye(3), p * (1, 1, 1, unit)) for p in projections]
         return StereoCalibration(pair[0], pair[1], image_size(left) if "image_width" in left else None)
+    if {"cam0", "cam1", "baseline"} <= left.keys():  # Middlebury: rectified but for `doffs`; the baseline in mm
+        k0, k1 = (array(left[f"cam{n}"]).reshape(3, 3) for n in (0, 1))
+        p0 = np.column_stack((k0, np.zeros(3)))
+        p1 = np.column_stack((k0, (-k0[0, 0] * float(left["baseline"]) / 1000, 0, 0)))
+        pair = [PairCamera(k, np.zeros(5), np.eye(3), p) for k, p in ((k0, p0), (k1, p1))]
+        return StereoCalibration(pair[0], pair[1], image_size(left))
     if len(tables) == 2 and all("T_BS" in table for table in tables):
         poses = [array(one["T_BS"]).reshape(4, 4) for one in tables]
         motion = np.linalg.inv(poses[1]) @ poses[0]
@@ -265,11 +271,14 @@ def pick(table: Mapping[str, Any], *names: str) -> Any:
 def array(value: Any) -> Floats:
     """The numbers of a list, of a text, or of a matrix that has them under `data`, in one row."""
     value = value["data"] if isinstance(value, Mapping) else value
-    return np.array(value.replace(",", " ").split() if isinstance(value, str) else value, np.float64).ravel()
+    return np.array(re.sub("[,;]", " ", value).split() if isinstance(value, str) else value, np.float64).ravel()
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """The first table of a YAML file: names with numbers, lists or matrices; or lines of twelve numbers as P0, P1..."""
+    """The first table of a YAML file: names with numbers, lists or matrices; or lines of twelve numbers as P0, P1...
+
+    Of XML the numbers between tags are read, of Middlebury's lines `name=[1 2; 3 4]`.
+    """
     from ruamel.yaml import YAML, AliasEvent
     from ruamel.yaml.error import YAMLError
 
@@ -278,8 +287,13 @@ def parsed(text: str) -> dict[str, Any]:
         "tag:yaml.org,2002:opencv-matrix", lambda constructor, node: constructor.construct_mapping(node, deep=True)
     )
     text = re.sub(r"^\s*%YAML.*\n", "", text.removeprefix("\ufeff")).expandtabs(1)
-    if text.count("[") + text.count("{") > MAX_LISTS:
+    if sum(map(text.count, "[{<")) > MAX_LISTS:
         raise ValueError(f"more than {MAX_LISTS} lists")
+    if "<opencv_storage>" in text:
+        found: dict[str, Any] = dict(re.findall(r"<(\w+)>([^<>]+)</\1>", text))
+        matrices = re.findall(r"<(\w+) type_id=\"opencv-matrix\">(.*?)</\1>", text, re.DOTALL)
+        return found | {name: re.findall("<data>([^<>]*)", inside)[0] for name, inside in matrices}
+    text = re.sub(r"^(\w+)=\[?([^]\n]*)\]?", r"\1: \2", text, flags=re.MULTILINE)
     try:
         if any(isinstance(event, AliasEvent) for event in reader.parse(text)):  # a small file of them holds any number
             raise ValueError("references are not read")
