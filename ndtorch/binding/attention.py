@@ -92,7 +92,7 @@ class Attention(nn.Module):
             raise InputError(
                 f"images must be [..., T, 10, H, W] for frames {tuple(frames.shape)}, got {tuple(images.shape)}"
             )
-        low, state = self.low_pass(images, state)
+        low, state = self.low_pass.scan(images, state)
         # One table for all T frames.
         owners = table.owners.unsqueeze(-2).expand(*outputs.shape)
         rows = table.rows.unsqueeze(-3).expand(*outputs.shape, table.rows.shape[-1])
