@@ -102,6 +102,7 @@ class VideoWriter:
             self.path.unlink(missing_ok=True)
 
     def _unwritten(self, error: Exception) -> InputError:
+        self._open = False  # closing a file that could not be written ends the process
         return InputError(f"video {self.path} cannot be written: {getattr(error, 'strerror', None) or error}")
 
     def __enter__(self) -> Self:
