@@ -160,7 +160,7 @@ class Boards(Closing):
 @pytest.mark.slow
 def test_live_cameras_and_the_images_that_were_kept_of_them(tmp_path, capsys, monkeypatch):
     out, kept = tmp_path / "pair.yaml", tmp_path / "kept"
-    monkeypatch.setattr("ndtorch_robot.cameras.StereoCameras", Boards)
+    monkeypatch.setattr("ndtorch_robot.cameras.pair.StereoCameras", Boards)
     command = ["calibrate", "x://left", "x://right", "--views", "11", "--keep", str(kept), "--out", str(out)]
     assert main(command) == 0
     assert f"written to {out}" in capsys.readouterr().out
