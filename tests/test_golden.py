@@ -40,6 +40,7 @@ SUMS = (
 )
 """The ten features of frames 1 to 3 of `drifting`."""
 
+
 def drifting() -> torch.Tensor:
     """Four frames `[4, 3, 48, 64]` in which a sine moves up and right, at another speed in each color."""
     t, y, x = np.meshgrid(np.arange(4), np.arange(48), np.arange(64), indexing="ij")
